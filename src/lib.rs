@@ -110,9 +110,9 @@
 //! | `dataset` | data sets of certified motions |
 //! | `experiment` | the experiments of the paper |
 //! | `view` | results as a page for a browser |
-//! | `import` | height maps |
+//! | `import` | maps and meshes as terrains |
 //! | `urdf` | robots from URDF files |
-//! | `mcap` | motions for robotics viewers |
+//! | `mcap` | motions for robotics viewers and ROS 2; grid maps |
 //! | `schema` | JSON Schemas of the files |
 //! | `pictures` | PNG in addition to SVG |
 //! | `ipopt` | Ipopt, for comparisons |
@@ -131,6 +131,8 @@
 pub mod app;
 #[doc(hidden)]
 pub mod backend;
+#[cfg(feature = "mcap")]
+mod cdr;
 #[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

@@ -7,7 +7,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // Samples every 0.1 m, from x = y = -2 m on: level up to x = 0.5 m, then a ramp to 0.15 m.
     let height = |i: usize| (0.1 * i as f64 - 2.5).clamp(0., 0.6) / 4.;
     let heights = (0..60).map(|i| vec![height(i); 40]).collect();
-    let placement = Placement { cell: 0.1, origin: [-2., -2.], height_scale: 1., friction: 0.7 };
+    let placement = Placement { cell: Some(0.1), origin: Some([-2., -2.]), friction: 0.7, ..Placement::default() };
     let terrain = terrain_of_heights("ramp".into(), heights, &placement)?.terrain;
     println!("ground at the goal: {:.3} m", terrain.height(2., 0.));
 

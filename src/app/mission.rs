@@ -5,7 +5,7 @@ use super::request::{Mission, ProgressEvent, Request, Waypoint};
 use super::save::{left_over, stage_folder};
 use super::stage::MissionStage;
 use crate::backend::Backend;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::gait::Trajectory;
 use crate::task::Task;
 use std::path::Path;
@@ -39,15 +39,17 @@ impl Mission {
         on_event: &mut (dyn FnMut(ProgressEvent) + Send),
         on_stage: &mut dyn FnMut(&MissionStage, Option<&Path>) -> Result<()>,
     ) -> Result<Vec<MissionStage>> {
+        self.check_times()?;
         let mut request = request.clone();
         request.at_robot(&self.task.robot);
         let mut stages: Vec<MissionStage> = Vec::new();
+        let mut elapsed = 0.;
         while stages.len() < self.stages()
             && stages.last().is_none_or(|before| before.found.best.feasible() && !cancelled.load(Ordering::Relaxed))
         {
             let number = stages.len() + 1;
             let part = Mission {
-                task: self.stage_task(number, stages.last().map(|before| before.found.best.trajectory()))?,
+                task: self.stage_task(number, stages.last().map(|before| before.found.best.trajectory()), elapsed)?,
                 waypoints: Vec::new(),
                 provenance: if number == self.stages() { self.provenance } else { Provenance::default() },
             };
@@ -55,6 +57,7 @@ impl Mission {
             let stage = MissionStage::search(part, &request, folder.as_deref(), backend, cancelled, on_event)?;
             folder.as_deref().map_or(Ok(()), |folder| stage.write(folder))?;
             on_stage(&stage, folder.as_deref())?;
+            elapsed += stage.found.best.trajectory().horizon;
             stages.push(stage);
         }
         for folder in out.map(|out| left_over(out, stages.len(), self.stages())).unwrap_or_default() {
@@ -64,12 +67,28 @@ impl Mission {
     }
 
     /// Task of a stage: from the start, or from the end of the stage before, to the next waypoint or the goal.
-    fn stage_task(&self, number: usize, before: Option<&Trajectory>) -> Result<Task> {
+    ///
+    /// * `elapsed` - duration of the stages before, s
+    fn stage_task(&self, number: usize, before: Option<&Trajectory>, elapsed: f64) -> Result<Task> {
         let task = before.map_or_else(|| Ok(self.task.clone()), |motion| self.task.after(motion))?;
-        let Some(&Waypoint { goal, turns_evenly }) = self.waypoints.get(number - 1) else { return Ok(task) };
-        let part = 1. / (self.stages() + 1 - number) as f64;
-        let goal = if turns_evenly { goal.yaw(task.line(part)[5]) } else { goal };
-        task.to(goal).map_err(|e| e.within(format_args!("waypoint {number}")))
+        let (place, task) = match self.waypoints.get(number - 1) {
+            None => ("goal".into(), task),
+            Some(&Waypoint { goal, turns_evenly }) => {
+                let place = format!("waypoint {number}");
+                let part = 1. / (self.stages() + 1 - number) as f64;
+                let goal = if turns_evenly { goal.yaw(task.line(part)[5]) } else { goal };
+                let task = task.to(goal).map_err(|e| e.within(&place))?;
+                (place, task)
+            }
+        };
+        let Some(time) = task.duration else { return Ok(task) };
+        if time <= elapsed {
+            let limit = format!("later than {elapsed:.3} s, the end of the motion before");
+            return Err(Error::invalid(format!("{place}: time"), time, limit));
+        }
+        let task = Task { duration: Some(time - elapsed), ..task };
+        task.validate().map_err(|e| e.within(place))?;
+        Ok(task)
     }
 }
 
@@ -81,6 +100,47 @@ mod tests {
     use crate::search::SearchSettings;
     use crate::task::Goal;
     use crate::terrain::Terrain;
+
+    /// Two places for a biped, with times of arrival.
+    fn timed(waypoint: Goal, goal: Goal) -> Mission {
+        Mission::new(Task::new(Robot::named("biped").unwrap(), Terrain::flat(), goal).unwrap()).by_way_of(waypoint)
+    }
+
+    fn first() -> Request {
+        Request { search: SearchSettings { first: true, ..SearchSettings::default() }, ..Request::default() }
+    }
+
+    #[test]
+    fn the_base_is_at_waypoints_with_their_poses_at_their_times() {
+        let waypoint = Goal { velocity: [0.1, 0., 0.], ..Goal::position([0.25, 0.05, 0.63]) }.yaw(0.2).arriving(1.23);
+        let stages = timed(waypoint, Goal::at(0.4, 0.).arriving(2.9)).search(&first(), &Cpu::new(2).unwrap()).unwrap();
+        let motions: Vec<&Trajectory> = stages.iter().map(|stage| stage.found.best.trajectory()).collect();
+        assert!(stages.iter().all(|stage| stage.found.best.feasible()) && stages.len() == 2);
+        assert!((motions[0].horizon - 1.23).abs() < 1e-9 && (motions[0].horizon + motions[1].horizon - 2.9).abs() < 1e-9);
+        let (end, next) = (motions[0].end_state(), motions[1].init_base.unwrap());
+        for (value, asked) in end.position.iter().zip([0.25, 0.05, 0.63]).chain([(&end.yaw(), 0.2), (&end.velocity[0], 0.1)]) {
+            assert!((value - asked).abs() < 1e-3, "{end:?}");
+        }
+        assert!(next.iter().zip(end.position).all(|(next, end)| (next - end).abs() < 1e-9));
+    }
+
+    #[test]
+    fn times_that_do_not_increase_or_are_too_early_name_the_place() {
+        let cpu = Cpu::new(1).unwrap();
+        let refused = |mission: Mission| mission.search(&first(), &cpu).err().map(|e| e.to_string()).unwrap_or_default();
+        let error = refused(timed(Goal::at(0.2, 0.).arriving(2.), Goal::at(0.4, 0.).arriving(1.5)));
+        assert_eq!(error, "goal: time: 1.5, but it must be later than 2 s, the time before it");
+        // The time of the first stage is free, so that its end is known only after its search.
+        let error = refused(timed(Goal::at(0.2, 0.), Goal::at(0.4, 0.).arriving(0.06)));
+        assert!(
+            error.starts_with("goal: time: 0.06, but it must be later than") && error.ends_with("the end of the motion before"),
+            "{error}"
+        );
+        for time in [-1., 0.01, 121., f64::NAN] {
+            let error = refused(timed(Goal::at(0.2, 0.).arriving(time), Goal::at(0.4, 0.)));
+            assert!(error.contains("waypoint 1") && error.contains("time"), "{error}");
+        }
+    }
 
     #[test]
     fn stages_after_a_cancellation_are_not_searched() {

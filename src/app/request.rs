@@ -1,6 +1,7 @@
 //! Input of a search: a task with waypoints, and settings.
 
 use super::label::Provenance;
+use crate::error::{Error, Result};
 use crate::nlp::transcription;
 use crate::refine::RefineSettings;
 use crate::robot::Robot;
@@ -102,6 +103,23 @@ impl Mission {
     pub fn by_way_of(mut self, waypoint: impl Into<Waypoint>) -> Mission {
         self.waypoints.push(waypoint.into());
         self
+    }
+
+    /// Checks that times of arrival increase.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first waypoint, or the goal, that is not after the one before it.
+    pub fn check_times(&self) -> Result<()> {
+        let mut before = 0.;
+        let places = self.waypoints.iter().zip(1..).map(|(waypoint, number)| (format!("waypoint {number}"), waypoint.goal.time));
+        for (place, time) in places.chain([("goal".into(), self.task.duration)]) {
+            let Some(time) = time else { continue };
+            if time <= before {
+                return Err(Error::invalid(format!("{place}: time"), time, format!("later than {before} s, the time before it")));
+            }
+            before = time;
+        }
+        Ok(())
     }
 
     /// Number of stages.

@@ -8,6 +8,7 @@ use crate::error::{Error, Result, to_json};
 use crate::files;
 use crate::scenario::Scenario;
 use crate::search::Gait;
+use crate::task::Goal;
 use std::path::{Path, PathBuf};
 
 /// Folder of a stage: `out` itself if it is the only one, else `stage-NUMBER` in it.
@@ -60,7 +61,7 @@ impl MissionStage {
         let (task, Provenance { scenario, target }) = (&self.task, self.provenance);
         let (robot, terrain) = world_of(task);
         let of_target = |target| Scenario::named(scenario?).ok()?.task(target).ok();
-        let is_its = target.and_then(of_target).is_some_and(|own| own.goal == task.goal);
+        let is_its = target.and_then(of_target).is_some_and(|own| own.goal == task.goal && own.duration == task.duration);
         let settings = [
             ("search", table_of(search)?),
             ("transcription", table_of(&lower.transcription)?),
@@ -78,7 +79,7 @@ impl MissionStage {
             device: Some(self.solved_on.choice.to_string()),
             force_limit: task.force_limit,
             start: Some(Start::in_state(&task.start, &task.start_feet)),
-            goal: (!is_its).then(|| of_state(&task.goal)),
+            goal: (!is_its).then(|| Goal { time: task.duration, ..of_state(&task.goal) }),
             robot: Some(robot),
             terrain: Some(terrain),
             settings: settings.into_iter().map(|(name, table)| (name.into(), toml::Value::Table(table))).collect(),

@@ -142,7 +142,7 @@ impl Default for Start {
 
 impl Start {
     /// Start at a place, with the feet at their nominal footholds.
-    pub fn at(Goal { xy, z, yaw, tilt, velocity, rates }: Goal) -> Start {
+    pub fn at(Goal { xy, z, yaw, tilt, velocity, rates, .. }: Goal) -> Start {
         Start { xy, z, yaw, tilt, velocity, rates, feet: None, after: None }
     }
 
@@ -177,7 +177,7 @@ impl Start {
 
     /// Place of the start.
     pub fn place(&self) -> Goal {
-        Goal { xy: self.xy, z: self.z, yaw: self.yaw, tilt: self.tilt, velocity: self.velocity, rates: self.rates }
+        Goal { xy: self.xy, z: self.z, yaw: self.yaw, tilt: self.tilt, velocity: self.velocity, rates: self.rates, time: None }
     }
 
     /// Task from this start to a goal.

@@ -26,7 +26,7 @@ pub enum Ends {
         target: Option<usize>,
     },
     /// Start, with the feet at their nominal places, and goal.
-    Between(Goal, Goal),
+    Between(Box<[Goal; 2]>),
 }
 
 /// Terms that replace those of a file.
@@ -109,7 +109,7 @@ impl TermOverrides {
                 let own = World::of(Some(robot.clone()), Some(terrain.clone()), world.force_limit);
                 Some(own.task(Some(&scenario), &Start::default(), goal)?)
             }
-            Some(Ends::Between(start, goal)) => Some(Task::between(robot.clone(), terrain.clone(), *start, *goal)?),
+            Some(Ends::Between(ends)) => Some(Task::between(robot.clone(), terrain.clone(), ends[0], ends[1])?),
             None => None,
         };
         let mut own = match task {

@@ -20,7 +20,8 @@ pub struct WorldArgs {
     /// Robot: a name from `list`, or a JSON or TOML file [default: the scenario's]. `SCENARIO=NAME|FILE` sets it for one scenario only
     #[arg(long, value_name = "NAME|FILE")]
     robot: Vec<String>,
-    /// Terrain: a name from `list`, or a JSON or TOML file [default: the scenario's]. `SCENARIO=NAME|FILE` sets it for one scenario only
+    /// Terrain: a name from `list`, a JSON or TOML file, a mesh (.obj, .ply) or a grid map (.mcap) [default: the scenario's].
+    /// `SCENARIO=NAME|FILE` sets it for one scenario only
     #[arg(long, value_name = "NAME|FILE")]
     terrain: Vec<String>,
     /// Largest normal force of a foot, N [default: by the robot; 1000 with the rows of TOWR]
@@ -174,7 +175,7 @@ impl TermArgs {
             (Some(name), _) => Some(Ends::Scenario { name: name.clone(), target: self.target }),
             (None, Some(goal)) => {
                 let start = self.start.map_or(Goal::at(0., 0.), GoalArg::goal).yaw(self.start_yaw.unwrap_or(0.));
-                Some(Ends::Between(start, goal.goal().yaw(self.yaw.unwrap_or(0.))))
+                Some(Ends::Between(Box::new([start, goal.goal().yaw(self.yaw.unwrap_or(0.))])))
             }
             (None, None) => None,
         };
@@ -219,5 +220,31 @@ impl std::str::FromStr for GoalArg {
             Ok(&[x, y, z]) => Ok(GoalArg { xy: [x, y], z: Some(z) }),
             _ => Err("expected X,Y or X,Y,Z in metres".into()),
         }
+    }
+}
+
+/// Place on the command line with its time of arrival: `X,Y`, `X,Y,Z`, `X,Y@T` or `X,Y,Z@T`, m and s.
+#[derive(Debug, Clone, Copy)]
+pub struct TimedGoalArg {
+    place: GoalArg,
+    /// Time of arrival, if given, s.
+    time: Option<f64>,
+}
+
+impl TimedGoalArg {
+    /// Goal at rest with yaw 0.
+    pub fn goal(self) -> Goal {
+        Goal { time: self.time, ..self.place.goal() }
+    }
+}
+
+impl std::str::FromStr for TimedGoalArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let (place, time) = text.split_once('@').map_or((text, None), |(place, time)| (place, Some(time)));
+        let seconds = |time: &str| time.trim().parse::<f64>().ok().filter(|time| time.is_finite());
+        let time = time.map(|time| seconds(time).ok_or("expected a time in seconds after @")).transpose()?;
+        Ok(TimedGoalArg { place: place.parse()?, time })
     }
 }

@@ -3,21 +3,18 @@
 use super::args::WorldArgs;
 use super::{Failure, Verdict, print_about};
 use crate::app::{TermOverrides, VerificationTerms};
-#[cfg(not(feature = "mcap"))]
-use crate::error::Error;
-use crate::error::Result;
-use crate::export::{Sampled, csv};
+use crate::export::Format;
 use crate::files;
 use crate::gait::Trajectory;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::path::PathBuf;
 
-/// Converts a motion to CSV or MCAP. World frame z up, SI units; forces act on the robot.
+/// Converts a motion to CSV, to MCAP for viewers, or to messages of ROS 2 in MCAP. World frame z up, SI units; forces act on the robot.
 #[derive(Debug, Args)]
 pub struct Export {
     /// Trajectory (.json)
     file: PathBuf,
-    /// CSV with units in its header, or MCAP with the schemas of Foxglove
+    /// File format
     #[arg(long, value_enum)]
     format: Format,
     /// Sampling rate
@@ -30,35 +27,15 @@ pub struct Export {
     world: WorldArgs,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Format {
-    Csv,
-    Mcap,
-}
-
 impl Export {
     pub fn run(&self) -> std::result::Result<Verdict, Failure> {
         let world = self.world.read_checked()?;
         let trajectory = Trajectory::from_json(&files::read(&self.file)?).map_err(|e| e.in_file(&self.file, None))?;
         let terms = VerificationTerms::new(&world, &trajectory, &TermOverrides::default()).map_err(|e| e.in_file(&self.file, None))?;
-        let sampled = Sampled::new(&trajectory, &terms.robot, &terms.terrain, self.rate)?;
-        let (extension, bytes) = match self.format {
-            Format::Csv => ("csv", csv::csv(&sampled).into_bytes()),
-            Format::Mcap => ("mcap", mcap(&sampled, &trajectory, &terms)?),
-        };
-        let output = self.output.clone().unwrap_or_else(|| self.file.with_extension(extension));
+        let (bytes, samples) = self.format.bytes(&trajectory, &terms.robot, &terms.terrain, self.rate)?;
+        let output = self.output.clone().unwrap_or_else(|| self.file.with_extension(self.format.extension()));
         files::write_bytes(&output, &bytes)?;
-        print_about(&output, &format!("{} samples written to {}\n", sampled.samples.len(), output.display()))?;
+        print_about(&output, &format!("{samples} samples written to {}\n", output.display()))?;
         Ok(Verdict::Feasible)
     }
-}
-
-#[cfg(feature = "mcap")]
-fn mcap(sampled: &Sampled, trajectory: &Trajectory, terms: &VerificationTerms) -> Result<Vec<u8>> {
-    crate::export::mcap::mcap(sampled, trajectory, &terms.robot, &terms.terrain)
-}
-
-#[cfg(not(feature = "mcap"))]
-fn mcap(_: &Sampled, _: &Trajectory, _: &VerificationTerms) -> Result<Vec<u8>> {
-    Err(Error::Missing { message: "this program was built without the feature `mcap`".into() })
 }

@@ -72,14 +72,14 @@ enum Command {
     #[command(hide = true, name = crate::reference::workers::COMMAND)]
     IpoptWorker(ipopt_worker::IpoptWorker),
     #[cfg(feature = "import")]
-    /// Convert height maps to terrain files
+    /// Convert maps and meshes to terrain files
     Terrain(terrain::TerrainCommand),
     /// Verify a trajectory file of this program or of TOWR
     Verify(verify::Verify),
     #[cfg(feature = "view")]
     /// Write a web page with the moving robot, its forces and its certificate
     View(view::View),
-    /// Convert a motion to CSV or MCAP
+    /// Convert a motion to CSV, MCAP or messages of ROS 2
     Export(export::Export),
     #[cfg(feature = "gpu")]
     /// List GPU adapters, and the device that `--device auto` uses

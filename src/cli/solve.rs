@@ -1,6 +1,6 @@
 //! `solve`: searches for a gait.
 
-use super::args::{GoalArg, LowerArgs, SearchArgs, WorldArgs};
+use super::args::{GoalArg, LowerArgs, SearchArgs, TimedGoalArg, WorldArgs};
 use super::{CANCELLED, Failure, Verdict, print, to_json};
 use crate::app::save::stage_file;
 use crate::app::scenario_file::{ScenarioFile, Start};
@@ -27,12 +27,13 @@ pub struct Solve {
     #[arg(long)]
     target: Option<usize>,
     /// Goal instead of a target, m. Without Z, the base ends at its `base_height` above the ground, or at a height from which all feet
-    /// reach it
-    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
-    goal: Option<GoalArg>,
-    /// Waypoint at which the base stops, m; repeatable. Each stage of the mission has a folder of its own: stage-1, stage-2, ...
-    #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true)]
-    via: Vec<GoalArg>,
+    /// reach it. With T, it arrives at this time, s
+    #[arg(long, value_name = "X,Y[,Z][@T]", allow_hyphen_values = true)]
+    goal: Option<TimedGoalArg>,
+    /// Waypoint at which the base stops, m, and its time from the start of the mission, s; repeatable. Each stage of the mission has a folder
+    /// of its own: stage-1, stage-2, ...
+    #[arg(long, value_name = "X,Y[,Z][@T]", allow_hyphen_values = true)]
+    via: Vec<TimedGoalArg>,
     /// Start, m, with the feet at their nominal places on the ground [default: above the origin]
     #[arg(long, value_name = "X,Y[,Z]", allow_hyphen_values = true, conflicts_with = "from")]
     start: Option<GoalArg>,
@@ -114,7 +115,7 @@ impl Solve {
         Overrides {
             scenario: self.scenario.clone(),
             target: self.target,
-            goal: self.goal.map(GoalArg::goal),
+            goal: self.goal.map(TimedGoalArg::goal),
             yaw: self.yaw,
             start,
             start_yaw: self.start_yaw,

@@ -57,7 +57,7 @@ impl Kind {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GroundPlaces {
-    /// Terrain: a name, or a JSON or TOML file.
+    /// Terrain: a name, or a file as `--terrain` accepts it.
     pub terrain: String,
     /// Range of the start along x, m.
     #[serde(default)]

@@ -2,19 +2,16 @@
 //!
 //! `foxglove/*.json` are Foxglove's JSON Schemas (MIT, `foxglove/LICENSE`).
 
-use super::Sampled;
-use crate::error::{Error, Result};
+use super::log::Log;
+use super::{NO_TURN, Sampled, frame_name, turn_of};
+use crate::error::Result;
 use crate::gait::Trajectory;
 use crate::report::ground_mesh::GroundMesh;
-use crate::report::samples::{FOOT_COLORS, FootSample, Sample, Sampler, SoleSample, body_size, hips};
+use crate::report::samples::{FOOT_COLORS, Sample, Sampler, body_size, hips};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
-use mcap::records::MessageHeader;
-use mcap::{WriteOptions, Writer};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
-use std::io::Cursor;
 
 /// Topics, each with the name and the text of its schema.
 fn topics() -> [(&'static str, &'static str, String); 3] {
@@ -25,40 +22,31 @@ fn topics() -> [(&'static str, &'static str, String); 3] {
     ]
 }
 
-fn failed(error: mcap::McapError) -> Error {
-    Error::Format { message: format!("MCAP: {error}") }
-}
-
 /// Bytes of the MCAP file of a motion.
 ///
 /// # Errors
-/// * [`Error::Invalid`] if the trajectory is malformed, or robot and trajectory disagree on the number of feet
-/// * [`Error::Format`] if the MCAP library cannot write
+/// * [`crate::Error::Invalid`] if the trajectory is malformed, or robot and trajectory disagree on the number of feet
+/// * [`crate::Error::Format`] if the MCAP library cannot write
 pub fn mcap(sampled: &Sampled, trajectory: &Trajectory, robot: &Robot, terrain: &Terrain) -> Result<Vec<u8>> {
-    let options = WriteOptions::new().compression(None).library(concat!("cregopt ", env!("CARGO_PKG_VERSION")));
-    let mut writer = Writer::with_options(Cursor::new(Vec::new()), options).map_err(failed)?;
+    let mut log = Log::new("")?;
     let mut channels = Vec::new();
     for (topic, name, schema) in topics() {
-        let schema = writer.add_schema(name, "jsonschema", schema.as_bytes()).map_err(failed)?;
-        channels.push(writer.add_channel(schema, topic, "json", &BTreeMap::new()).map_err(failed)?);
+        channels.push(log.channel(topic, [name, "jsonschema", &schema], "json")?);
     }
     let scene = Drawing { sampled, robot };
     let sampler = Sampler::new(trajectory, robot, terrain)?;
     for (sequence, sample) in (0u32..).zip(&sampled.samples) {
-        let log_time = (sample.time * 1e9).round() as u64;
         let mut entities = vec![scene.robot(sample)];
         if sequence == 0 {
             let ground = GroundMesh::around(&sampled.samples, trajectory.base_target, robot.leg_height(), terrain);
             entities.extend([scene.ground(&ground), scene.plan(&sampler)]);
         }
         let messages = [scene.transforms(sample), json!({"deletions": [], "entities": entities}), scene.motion(sample)];
-        for (&channel_id, message) in channels.iter().zip(messages) {
-            let header = MessageHeader { channel_id, sequence, log_time, publish_time: log_time };
-            writer.write_to_known_channel(&header, &serde_json::to_vec(&message)?).map_err(failed)?;
+        for (&channel, message) in channels.iter().zip(messages) {
+            log.add(channel, sequence, sample.time, &serde_json::to_vec(&message)?)?;
         }
     }
-    writer.finish().map_err(failed)?;
-    Ok(writer.into_inner().into_inner())
+    log.finish()
 }
 
 /// Source of the messages of a motion.
@@ -74,8 +62,6 @@ fn xyz([x, y, z]: [f64; 3]) -> Value {
 fn rotation([w, x, y, z]: [f64; 4]) -> Value {
     json!({"w": w, "x": x, "y": y, "z": z})
 }
-
-const NO_TURN: [f64; 4] = [1., 0., 0., 0.];
 
 fn pose(position: [f64; 3], turn: [f64; 4]) -> Value {
     json!({"position": xyz(position), "orientation": rotation(turn)})
@@ -228,16 +214,6 @@ impl Drawing<'_> {
             "feet": feet
         })
     }
-}
-
-/// Unit quaternion w, x, y, z from a foot to the world: that of a sole, none for a ball or point.
-fn turn_of(foot: &FootSample) -> [f64; 4] {
-    foot.sole.as_ref().map_or(NO_TURN, SoleSample::quaternion)
-}
-
-/// Name of the frame of a foot.
-fn frame_name(foot: &str) -> String {
-    if foot.starts_with("foot_") { foot.to_owned() } else { format!("foot_{foot}") }
 }
 
 /// JSON Schema of `/motion`.

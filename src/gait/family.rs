@@ -351,13 +351,15 @@ impl PeriodicGait {
     /// Sets the number of strides that a task requires at a travel speed in m/s; zero if the goal is the start.
     ///
     /// The travel speed is the highest speed at which a nominal foothold moves with the base, including turns. It is reduced to a speed
-    /// that the feet can follow, see [`PeriodicGait::least_horizon`]. The number of strides is rounded up.
+    /// that the feet can follow, see [`PeriodicGait::least_horizon`]. The strides fill the duration of the task, if it has one. Their number
+    /// is rounded up.
     pub fn for_travel(self, task: &Task, speed: f64) -> PeriodicGait {
         let [x, y] = task.displacement();
         if x.hypot(y) < STILL && task.turn().abs() < STILL {
             return PeriodicGait { strides: 0, ..self };
         }
-        let missing = self.least_horizon(task, speed) - PeriodicGait { strides: 0, ..self.clone() }.horizon();
+        let least = self.least_horizon(task, speed).max(task.duration.unwrap_or_default());
+        let missing = least - PeriodicGait { strides: 0, ..self.clone() }.horizon();
         // The margin avoids a whole stride for a rounding error. The cast saturates for numbers that are too large and for NaN.
         let strides = (missing / self.period() - 1e-9).ceil().max(1.) as usize;
         PeriodicGait { strides, ..self }
@@ -615,6 +617,9 @@ mod tests {
         let straight = Scenario::named("s1").unwrap().task_to([7., 0.]).unwrap();
         // 7 m at 0.5 m/s, 0.35 m/s on average: 20 s. Lead-in, tail and half a stride of 0.5 s take 0.5 s: 39 strides remain.
         assert_eq!(gait(0.25).for_travel(&straight, 0.5).strides, 39);
+        // With more time, strides fill it; with less, those that the speed needs remain.
+        let lasting = |duration: f64| Task { duration: Some(duration), ..straight.clone() };
+        assert_eq!([25., 10.].map(|duration| gait(0.25).for_travel(&lasting(duration), 0.5).strides), [49, 39]);
         // With a stance of 0.6 s the base can travel at 0.3 / 0.6 = 0.5 m/s: 20 s.
         assert!((gait(0.6).least_horizon(&straight, 1.) - 20.).abs() < 1e-9);
         // The reach to the side is two thirds of that: 30 s.

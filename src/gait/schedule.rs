@@ -146,6 +146,17 @@ impl Schedule {
         Ok(AlignedSchedule { schedule: self, interval, intervals })
     }
 
+    /// Scales all durations so that the longest foot lasts as given.
+    ///
+    /// * `duration` - s
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if a phase becomes shorter than [`MIN_PHASE`], or the duration exceeds [`MAX_HORIZON`].
+    pub fn lasting(&self, duration: f64) -> Result<Schedule> {
+        let factor = duration / self.horizon();
+        Schedule::new(self.durations.iter().map(|phases| phases.iter().map(|phase| phase * factor).collect()).collect())
+    }
+
     /// Stretches every foot's last stance to the end of the longest foot, as in the paper \[1\].
     pub fn stretched(&self) -> Schedule {
         self.ended_at(self.horizon())
@@ -279,6 +290,20 @@ mod tests {
         for refused in [vec![0.3, 0.2, -0.2], vec![0.3, 0., 0.3], vec![0.3, 0.2, 0., 0.2, 0.3], vec![0.]] {
             assert!(Schedule::new(vec![refused]).is_err());
         }
+    }
+
+    #[test]
+    fn a_schedule_is_scaled_to_a_duration() {
+        let s = Schedule::new(vec![vec![0.3, 0.2, 0.5], vec![0.25], vec![0., 0.5, 0.3, 0.4, -0.2]]).unwrap();
+        let scaled = s.lasting(2.5).unwrap();
+        assert_eq!(scaled.durations().iter().map(Vec::len).collect::<Vec<_>>(), [3, 1, 5]);
+        for (duration, expected) in scaled.durations().iter().flatten().zip([0.75, 0.5, 1.25, 0.625, 0., 1.25, 0.75, 1., -0.5]) {
+            assert!((duration - expected).abs() < 1e-12, "{scaled:?}");
+        }
+        assert!((scaled.horizon() - 2.5).abs() < 1e-12);
+        let short = s.lasting(0.004).unwrap_err().to_string();
+        assert!(short.starts_with("durations, foot 0, phase 1: 0.000") && short.ends_with("at least 0.001 s"), "{short}");
+        assert!(s.lasting(121.).unwrap_err().to_string().contains("at most 120 s"));
     }
 
     #[test]

@@ -591,7 +591,15 @@ impl Planner {
         let excess = RESPONSE * (1. - (-horizon / RESPONSE).exp());
         let start = along(base.yaw());
         let xy = [0, 1].map(|i| base.position[i] + middle[i] * horizon + (base.velocity[i] - start[i]) * excess);
-        task.to(Goal { xy, z: None, yaw: base.yaw() + turn, tilt: None, velocity: [end[0], end[1], 0.], rates: [0., 0., command.yaw_rate] })
+        task.to(Goal {
+            xy,
+            z: None,
+            yaw: base.yaw() + turn,
+            tilt: None,
+            velocity: [end[0], end[1], 0.],
+            rates: [0., 0., command.yaw_rate],
+            time: None,
+        })
     }
 
     /// Horizon in whole intervals, s.

@@ -8,7 +8,7 @@ use crate::app::terms::{robot_of, terrain_of};
 use crate::app::world::World;
 use crate::app::{TermOverrides, VerificationTerms};
 use crate::error::Result;
-use crate::export::Sampled;
+use crate::export::{Format, Sampled};
 use crate::files;
 use crate::report::samples::{FootSample, Sample, SoleSample};
 use crate::verify::Report;
@@ -127,6 +127,33 @@ impl Trajectory {
     #[pyo3(signature = (rate = 100., robot = None))]
     pub fn joints(&self, py: Python<'_>, rate: f64, robot: Option<&Robot>) -> PyResult<Joints> {
         Joints::along(py, self, rate, robot)
+    }
+
+    /// Writes the motion in a format of another program, as ``cregopt export`` does.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : path
+    ///     File to write.
+    /// format : {"csv", "mcap", "ros2"}
+    ///     Table with units in its header; MCAP with the schemas of Foxglove; MCAP with messages of ROS 2: trajectories of base and joints,
+    ///     wrenches and contacts of the feet.
+    /// rate : float, default 100
+    ///     Sampling rate, Hz, from time 0; the last sample is the end of the motion.
+    ///
+    /// Raises
+    /// ------
+    /// Error
+    ///     For an unknown format, and a rate that is not positive or too high.
+    #[pyo3(signature = (path, format, rate = 100.))]
+    fn export(&self, py: Python<'_>, path: PathBuf, format: &Bound<'_, PyAny>, rate: f64) -> PyResult<()> {
+        let format: Format = from_python(format, "format")?;
+        let written = py.detach(|| {
+            let world = World::of(None, None, None);
+            let ((robot, _), (terrain, _)) = (robot_of(&world, &self.motion)?, terrain_of(&world, &self.motion)?);
+            files::write_bytes(&path, &format.bytes(&self.motion, &robot, &terrain, rate)?.0)
+        });
+        written.raise()
     }
 
     fn __repr__(&self) -> String {

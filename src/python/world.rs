@@ -12,7 +12,7 @@ use crate::files;
 use crate::robot::import::{Import, Imported, Soles};
 use crate::scenario::Scenario;
 use crate::task::Goal;
-use crate::terrain::import::{Placement, terrain_of_heights};
+use crate::terrain::import::{self, Placement, terrain_of_heights};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyUserWarning};
 use pyo3::prelude::*;
@@ -204,7 +204,7 @@ impl Robot {
 /// Parameters
 /// ----------
 /// name : str, default "flat"
-///     Built-in terrain (``cregopt.TERRAINS``), or path of a JSON or TOML file.
+///     Built-in terrain (``cregopt.TERRAINS``), or path of a JSON or TOML file, of a mesh (.obj, .ply) or of a grid map (.mcap).
 /// friction : float, optional
 ///     Friction coefficient that replaces the terrain's.
 #[pyclass(frozen, eq, module = "cregopt")]
@@ -221,10 +221,42 @@ impl Terrain {
         Terrain::of(crate::Terrain { friction, ..(*terrain).clone() })
     }
 
-    /// Reads a terrain from a JSON or TOML file.
+    /// Reads a terrain from a JSON or TOML file, a mesh (.obj, .ply) or a grid map (.mcap).
     #[staticmethod]
     fn from_file(path: PathBuf) -> PyResult<Self> {
         crate::Terrain::read(&path).map(|terrain| Terrain(Arc::new(terrain))).raise()
+    }
+
+    /// Imports a map or a mesh, as ``cregopt terrain import`` does. Places without a known height are holes, which admit no foothold.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : path
+    ///     ``.csv``, ``.npy`` (``z[i, j]`` as in ``heights``), ``.png`` (grey, x to the right, y up), ``.obj``, ``.ply`` (m, z up), or
+    ///     ``.mcap`` with messages ``grid_map_msgs/msg/GridMap``.
+    /// name : str, optional
+    ///     Name, used in results; by default that of the file.
+    /// cell : float, optional
+    ///     Distance between samples, m; needed for ``.csv``, ``.npy`` and ``.png``. By default that of a grid map, or 1/200 of the longer side
+    ///     of a mesh, rounded down.
+    /// origin : tuple of float, optional
+    ///     Position of the first sample (x, y), m; by default that of a mesh or grid map, otherwise (0, 0).
+    /// height_scale : float, default 1
+    ///     Factor on heights; for a picture the height of white, m.
+    /// friction : float, default 0.8
+    ///     Friction coefficient.
+    /// layer : str, optional
+    ///     Layer of a grid map, by default ``"elevation"``.
+    /// topic : str, optional
+    ///     Topic of a grid map, whose last message is read; by default the only one.
+    #[staticmethod]
+    #[pyo3(
+        signature = (path, name = None, **placement),
+        text_signature = "(path, name=None, *, cell=None, origin=None, height_scale=1.0, friction=0.8, layer=None, topic=None)"
+    )]
+    fn from_map(path: PathBuf, name: Option<&str>, placement: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let placement: Placement = placement.map_or_else(|| Ok(Placement::default()), |given| from_python(given, "from_map"))?;
+        import::read(&path, &placement, name).raise().and_then(|imported| Terrain::of(imported.terrain))
     }
 
     /// Makes a terrain from a dictionary with the keys of a terrain file.
@@ -259,7 +291,7 @@ impl Terrain {
         let columns = array.shape()[1];
         let numbers: Vec<f64> = array.readonly().as_array().iter().copied().collect();
         let heights = if columns == 0 { Vec::new() } else { numbers.chunks(columns).map(<[f64]>::to_vec).collect() };
-        let placement = Placement { cell, origin, height_scale: 1., friction };
+        let placement = Placement { cell: Some(cell), origin: Some(origin), friction, ..Placement::default() };
         terrain_of_heights(name.into(), heights, &placement).raise().and_then(|imported| Terrain::of(imported.terrain))
     }
 
@@ -306,7 +338,7 @@ impl Terrain {
 /// goal : (x, y), (x, y, z) or dict
 ///     Goal of the base, world frame, m. Without z, the base ends at the robot's ``base_height`` above the ground, or at a height from
 ///     which all feet reach it. A dictionary has the keys of ``[goal]`` in a scenario file: ``xy``, ``z``, ``yaw``, ``tilt``, ``velocity``,
-///     ``rates``.
+///     ``rates``, and ``time``, the time of arrival in s from the start of the task.
 /// yaw : float, optional
 ///     Yaw at the goal, rad; by default that of the dictionary, or 0.
 /// start : (x, y), (x, y, z), dict, Trajectory or Gait, optional
@@ -358,7 +390,9 @@ impl Task {
         for (i, waypoint) in waypoints.iter().enumerate() {
             task.to(waypoint.goal).map_err(|e| e.within(format_args!("via[{i}]"))).raise()?;
         }
-        Ok(Task(Arc::new(Mission { waypoints, ..Mission::new(task) })))
+        let mission = Mission { waypoints, ..Mission::new(task) };
+        mission.check_times().raise()?;
+        Ok(Task(Arc::new(mission)))
     }
 
     /// Task of a scenario. Other keys of its file, such as seed and gaits, are used by ``cregopt.solve``.
@@ -404,7 +438,7 @@ impl Task {
     /// Goal, with the keys of ``[goal]`` in a scenario file.
     #[getter]
     fn goal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        to_python(py, &of_state(&self.0.task.goal))
+        to_python(py, &Goal { time: self.0.task.duration, ..of_state(&self.0.task.goal) })
     }
 
     /// Waypoints, with the keys of ``[[waypoints]]`` in a scenario file; those without ``yaw`` have an interpolated yaw.

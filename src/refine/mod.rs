@@ -61,8 +61,8 @@ pub struct RefineSettings {
     pub gain: f64,
     /// Makes phase durations variables.
     pub durations: bool,
-    /// Makes the horizon a variable. The number of base intervals is kept and their length changes, within the range that keeps the number
-    /// of pieces per interval: an interval of 0.1 s may become 0.078 to 0.104 s.
+    /// Makes the horizon a variable, unless the task has a duration. The number of base intervals is kept and their length changes, within
+    /// the range that keeps the number of pieces per interval: an interval of 0.1 s may become 0.078 to 0.104 s.
     pub horizon: bool,
     /// Initial trust region. The unit 1 means 5 cm, 0.1 rad, 0.5 m/s, one weight per foot, and a tenth of `sqrt(l / g)` for each phase
     /// boundary. Too large: the first steps are rejected; too small: many steps until it has grown.

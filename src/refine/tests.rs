@@ -154,6 +154,20 @@ fn free_durations_reduce_the_cost_further_without_too_short_phases() {
 }
 
 #[test]
+fn a_duration_of_the_task_is_kept_while_phases_change() {
+    let task = Task { duration: Some(1.37), ..task("anymal", "flat", [0.4, 0.], 0.) };
+    let gait = found(&task, GaitFamily::Trot, &LowerSettings::default());
+    assert!((gait.horizon - 1.37).abs() < 1e-9, "{} s", gait.horizon);
+    let (transcription, weights, settings) =
+        (TranscriptionSettings::default(), CostWeights::default(), RefineSettings { iterations: 4, ..RefineSettings::default() });
+    let refined = refine(&task, &gait.schedule, &gait.x, &transcription, &weights, &settings, &|| false).unwrap();
+    assert!(refined.changed > 0 && (refined.after.horizon - 1.37).abs() < 1e-9, "{} s", refined.after.horizon);
+    let solver = crate::settings::SolverSettings::default();
+    let timed = durations::optimise_durations(&task, (&gait.schedule, &gait.x), &transcription, &weights, &solver, 4, &|| false).unwrap();
+    assert!((timed.schedule.end() - 1.37).abs() < 1e-9 && timed.schedule.durations() != gait.schedule.durations());
+}
+
+#[test]
 fn forces_of_a_refined_gait_lie_inside_friction_cones_between_nodes() {
     let (task, r) = refined(&RefineSettings { iterations: 6, ..RefineSettings::default() });
     let motion = r.trajectory(&task, &TranscriptionSettings::default());

@@ -146,7 +146,7 @@ impl<'a> Space<'a> {
                 *boundary = Some(another(BOUNDARY_STEP * time / interval));
             }
         }
-        let free = settings.horizon && feet.iter().any(|f| !f.boundaries.is_empty());
+        let free = settings.horizon && task.duration.is_none() && feet.iter().any(|f| !f.boundaries.is_empty());
         let of_interval = free.then(|| another(INTERVAL_STEP * interval));
         let variables = Variables { count: step.len(), base, feet, interval: of_interval, step };
         let phases = |foot: usize| schedule.phases(foot);

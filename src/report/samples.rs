@@ -46,6 +46,10 @@ pub struct BaseSample {
     pub quaternion: [f64; 4],
     /// Angular velocity, world frame, rad/s.
     pub angular_velocity: [f64; 3],
+    /// Acceleration, world frame, m/s². At a node of the curve that of the piece that ends there.
+    pub acceleration: [f64; 3],
+    /// Angular acceleration, world frame, rad/s².
+    pub angular_acceleration: [f64; 3],
 }
 
 /// State of a foot.
@@ -178,6 +182,8 @@ impl<'a> Sampler<'a> {
                 angles: self.motion.base_ang.at(time).value.into(),
                 quaternion: [quaternion.w, quaternion.i, quaternion.j, quaternion.k],
                 angular_velocity: base.omega.into(),
+                acceleration: base.acceleration.into(),
+                angular_acceleration: base.omega_dot.into(),
             },
             feet: feet.collect(),
         }

@@ -170,7 +170,14 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
         relaxed.task.robot = Arc::new(Robot { reach, ..Robot::clone(&task.robot) });
         relaxed
     };
-    let longer = Relaxed { longer: 1.3, ..same("30 % more time", "longer phases, `--gait` with a file of them".into()) };
+    let longer = match task.duration {
+        None => Relaxed { longer: 1.3, ..same("30 % more time", "longer phases, `--gait` with a file of them".into()) },
+        Some(duration) => {
+            let mut later = same("30 % more time", format!("`time` of arrival {:.3} s later", 0.3 * duration));
+            later.task.duration = Some(1.3 * duration);
+            later
+        }
+    };
     let friction = 1.5 * task.terrain.friction;
     let mut grip = same("50 % more friction", format!("terrain `friction` {friction:.3}"));
     grip.task.terrain = Arc::new(Terrain { friction, ..Terrain::clone(&task.terrain) });
@@ -192,7 +199,7 @@ fn relaxed(task: &Task, lower: &LowerSettings) -> Vec<Relaxed> {
     }
     let [x, y, _, _, _, yaw] = task.line(0.5);
     if task.displacement() != [0.; 2]
-        && let Ok(half) = task.to(Goal::at(x, y).yaw(yaw))
+        && let Ok(half) = task.to(Goal { time: task.duration, ..Goal::at(x, y).yaw(yaw) })
     {
         let near = same("a goal half as far", format!("`--goal {x:.3},{y:.3} --yaw {yaw:.3}`"));
         all.push(Relaxed { task: half, ..near });

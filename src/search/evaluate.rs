@@ -130,7 +130,8 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
         return Err(Error::invalid("durations", format!("{feet} feet"), format!("{expected} feet, as robot `{}` has", task.robot.name)));
     }
     check_ends(task, schedule, settings.transcription.rows)?;
-    let interval = interval(&settings.transcription, &task.robot);
+    let schedule = &*task.timed(schedule)?;
+    let interval = task.interval(interval(&settings.transcription, &task.robot));
     if let Some(stride) = &task.stride {
         if settings.transcription.rows != Transcription::Momentum {
             return Err(Error::invalid("transcription.rows", settings.transcription.rows.name(), "`momentum` for a periodic stride"));
@@ -243,8 +244,8 @@ pub enum Certify {
 ///
 /// * `certify` - candidates to certify
 /// * `skip` - returns true if a candidate is to be dropped; called before and during its solve
-pub(super) fn batch(
-    candidates: &[(&Task, &Schedule)],
+pub(super) fn batch<'a>(
+    candidates: &[(&'a Task, &'a Schedule)],
     settings: &LowerSettings,
     cost: Option<&CostWeights>,
     backend: &dyn Backend,
@@ -252,12 +253,13 @@ pub(super) fn batch(
     skip: &(dyn Fn(usize) -> bool + Sync),
     finish: &(dyn Fn(usize, Evaluated) + Sync),
 ) -> Result<()> {
-    for (task, schedule) in candidates {
+    let instance = |(task, schedule): &(&'a Task, &'a Schedule)| {
         check_candidate(task, schedule, settings)?;
-    }
+        let interval = task.interval(interval(&settings.transcription, &task.robot));
+        Ok(Instance { task, schedule: task.timed(schedule)?.aligned(interval) })
+    };
+    let instances: Vec<Instance> = candidates.iter().map(instance).collect::<Result<_>>()?;
     let start = Instant::now();
-    let aligned = |task: &Task, schedule: &Schedule| schedule.aligned(interval(&settings.transcription, &task.robot));
-    let instances: Vec<Instance> = candidates.iter().map(|(task, schedule)| Instance { task, schedule: aligned(task, schedule) }).collect();
     let finish = |index: usize, solution: Solution| {
         let Instance { task, schedule } = &instances[index];
         let context = EvaluationContext { task, schedule, settings, weights: cost };
@@ -323,7 +325,8 @@ impl<'a> Evaluate<'a> {
         Evaluate { cancelled: Some(flag), ..self }
     }
 
-    /// Solves and certifies schedules. The result has their order; entries are `None` if the evaluation was cancelled before.
+    /// Solves and certifies schedules, scaled to the duration of the task if it has one. The result has their order; entries are `None` if
+    /// the evaluation was cancelled before.
     ///
     /// # Errors
     /// [`Error::Invalid`] for settings or a task outside their limits, or a schedule that does not fit the robot.

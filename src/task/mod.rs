@@ -8,12 +8,14 @@ pub use state::{BaseState, SwingState};
 pub use stride::PeriodicStride;
 
 use crate::error::{Error, Result, check_range};
-use crate::gait::{Curve, FootCurves, Trajectory};
+use crate::gait::schedule::MAX_HORIZON;
+use crate::gait::{Curve, FootCurves, Schedule, Trajectory};
 use crate::robot::Robot;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
 use standing::standing;
 pub(crate) use standing::tilt_over;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// A motion problem: the initial state of the robot and the goal state of its base.
@@ -35,9 +37,14 @@ pub struct Task {
     pub goal: BaseState,
     /// Largest normal force of a foot, N. Default: the robot's, or else the transcription's.
     pub force_limit: Option<f64>,
+    /// Duration of the motion, s. Schedules are scaled to it. Default: that of each schedule.
+    pub duration: Option<f64>,
     /// Stride that repeats, if one does.
     pub stride: Option<PeriodicStride>,
 }
+
+/// Shortest duration of a motion, s.
+const LEAST_DURATION: f64 = 0.05;
 
 /// Largest difference between two states that is attributed to rounding, m, rad, m/s and rad/s.
 const SAME: f64 = 1e-9;
@@ -63,12 +70,15 @@ pub struct Goal {
     /// Rates of roll, pitch and yaw, rad/s.
     #[serde(default)]
     pub rates: [f64; 3],
+    /// Time of arrival, s from the start. Default: any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<f64>,
 }
 
 impl Goal {
     /// Rest above a point of the ground, with yaw 0.
     pub fn at(x: f64, y: f64) -> Goal {
-        Goal { xy: [x, y], z: None, yaw: 0., tilt: None, velocity: [0.; 3], rates: [0.; 3] }
+        Goal { xy: [x, y], z: None, yaw: 0., tilt: None, velocity: [0.; 3], rates: [0.; 3], time: None }
     }
 
     /// Rest at a position, level, with yaw 0.
@@ -89,6 +99,11 @@ impl Goal {
     /// Sets the velocity, world frame, m/s.
     pub fn velocity(self, velocity: [f64; 3]) -> Goal {
         Goal { velocity, ..self }
+    }
+
+    /// Sets the time of arrival, s from the start.
+    pub fn arriving(self, time: f64) -> Goal {
+        Goal { time: Some(time), ..self }
     }
 
     /// State of the base with all defaults filled in.
@@ -145,7 +160,9 @@ impl Task {
         terrain.validate()?;
         let from = start.state("start", &robot, &terrain, true)?;
         let to = goal.state("goal", &robot, &terrain, false)?;
-        Task::of_states(robot, terrain, from, feet, to)
+        let task = Task { duration: goal.time, ..Task::of_states(robot, terrain, from, feet, to)? };
+        task.validate()?;
+        Ok(task)
     }
 
     /// A validated task between two complete states.
@@ -166,7 +183,8 @@ impl Task {
         let start_swings = vec![None; start_feet.len()];
         let start_yaws = vec![start.yaw(); start_feet.len()];
         let terrain = terrain.into();
-        let task = Task { robot, terrain, start, start_feet, start_swings, start_yaws, goal, force_limit: None, stride: None };
+        let task =
+            Task { robot, terrain, start, start_feet, start_swings, start_yaws, goal, force_limit: None, duration: None, stride: None };
         task.validate()?;
         Ok(task)
     }
@@ -193,7 +211,7 @@ impl Task {
     /// # Errors
     /// See [`Task::new`].
     pub fn to(&self, goal: Goal) -> Result<Task> {
-        let task = Task { goal: goal.state("goal", &self.robot, &self.terrain, false)?, ..self.clone() };
+        let task = Task { goal: goal.state("goal", &self.robot, &self.terrain, false)?, duration: goal.time, ..self.clone() };
         task.validate()?;
         Ok(task)
     }
@@ -208,7 +226,7 @@ impl Task {
         let from = if apart(end.pose(), asked.pose()) || apart(end.rate(), asked.rate()) { end } else { asked };
         let task = Task::of_states(self.robot.clone(), self.terrain.clone(), from, Some(motion.end_feet()), self.goal)?;
         let start_yaws = motion.end_yaws().unwrap_or(task.start_yaws.clone());
-        Task { force_limit: self.force_limit, start_yaws, ..task }.with_swings(motion.end_swings())
+        Task { force_limit: self.force_limit, duration: self.duration, start_yaws, ..task }.with_swings(motion.end_swings())
     }
 
     /// Checks robot, terrain, both ends and the feet.
@@ -249,7 +267,23 @@ impl Task {
                 check_range(&format!("start_feet[{foot}][{axis}]"), place[axis], -1100., 1100.)?;
             }
         }
+        self.duration.map_or(Ok(()), |duration| check_range("goal.time", duration, LEAST_DURATION, MAX_HORIZON))?;
         self.force_limit.map_or(Ok(()), |limit| check_range("force_limit", limit, 1e-3, 1e7))
+    }
+
+    /// A schedule of this task: with its duration, if it has one.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if a phase becomes too short.
+    pub fn timed<'a>(&self, schedule: &'a Schedule) -> Result<Cow<'a, Schedule>> {
+        self.duration.map_or(Ok(Cow::Borrowed(schedule)), |duration| schedule.lasting(duration).map(Cow::Owned))
+    }
+
+    /// Interval between base knots, of which the duration is a multiple, s.
+    ///
+    /// * `longest` - interval without a duration, s
+    pub fn interval(&self, longest: f64) -> f64 {
+        self.duration.map_or(longest, |duration| duration / (duration / longest - 1e-9).ceil())
     }
 
     /// Pose on the straight line from start to goal, m and rad.

@@ -96,11 +96,18 @@ impl Terrain {
         Ok(terrain)
     }
 
-    /// Reads a terrain from a JSON file or, by its extension, a TOML file, and validates it.
+    /// Reads a terrain from a file and validates it. The extension selects the format: TOML, a map or mesh that states its cell and position
+    /// ([`import`]), or else JSON.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::InFile`] with the error of [`Terrain::from_json`].
+    /// [`Error::Io`], or [`Error::InFile`] with the error of [`Terrain::from_json`] or [`import::terrain_of`].
     pub fn read(path: &Path) -> Result<Terrain> {
+        #[cfg(feature = "import")]
+        if import::is_map(path) {
+            let imported = import::read(path, &import::Placement::default(), None)?;
+            tracing::info!("{}", imported.summary());
+            return Ok(imported.terrain);
+        }
         let terrain: Terrain = files::read_value(path)?;
         terrain.validate_own().map_err(|e| e.in_file(path, None))?;
         Ok(terrain)

@@ -268,7 +268,7 @@ pub(crate) struct DenseState {
     /// Base to world.
     pub rotation: Rotation3<f64>,
     pub omega: Vector3<f64>,
-    omega_dot: Vector3<f64>,
+    pub omega_dot: Vector3<f64>,
 }
 
 /// Trajectory laid out in time, with a robot that has its number of feet.

@@ -149,6 +149,37 @@ fn messages_in_mcap_match_their_schemas_and_the_motion() {
     assert_eq!(counts.into_iter().collect::<Vec<_>>(), [("/motion".into(), rows), ("/scene".into(), rows), ("/tf".into(), rows)]);
 }
 
+#[cfg(feature = "mcap")]
+#[test]
+fn messages_of_ros_2_have_their_definitions_and_one_trajectory() {
+    let folder = gait();
+    let (code, message) = run(folder.path(), "export out/trajectory.json --format ros2 --rate 20");
+    assert_eq!(code, 0, "{message}");
+    let bytes = fs::read(folder.path().join("out/trajectory.ros2.mcap")).unwrap();
+    let header = mcap::read::LinearReader::new(&bytes).unwrap().next().unwrap().unwrap();
+    assert!(matches!(header, mcap::records::Record::Header(header) if header.profile == "ros2"));
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.clone().unwrap();
+        assert_eq!((schema.encoding.as_str(), message.channel.message_encoding.as_str()), ("ros2msg", "cdr"));
+        assert!(schema.name.contains("/msg/") && message.data.starts_with(&[0, 1, 0, 0]), "{}", schema.name);
+        *counts.entry(message.channel.topic.clone()).or_default() += 1;
+        if schema.name == "trajectory_msgs/msg/MultiDOFJointTrajectory" {
+            let text = String::from_utf8(schema.data.to_vec()).unwrap();
+            let types: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("MSG: ")).collect();
+            for kind in ["trajectory_msgs/MultiDOFJointTrajectoryPoint", "geometry_msgs/Twist", "builtin_interfaces/Duration"] {
+                assert!(types.contains(&kind), "{types:?}");
+            }
+        }
+    }
+    let samples = counts["/tf"];
+    assert!(
+        samples > 10 && counts["/base_trajectory"] == 1 && counts["/feet/LF/wrench"] == samples && counts["/feet/RH/contact"] == samples
+    );
+    assert_eq!(counts.len(), 10, "{counts:?}");
+}
+
 #[test]
 fn files_that_cannot_be_exported_are_refused() {
     let folder = tempfile::tempdir().unwrap();

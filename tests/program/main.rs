@@ -25,6 +25,8 @@ mod scenario_file;
 #[cfg(feature = "schema")]
 mod schema;
 mod solve;
+#[cfg(feature = "import")]
+mod terrain_files;
 mod verify;
 #[cfg(feature = "view")]
 mod view;

@@ -114,6 +114,17 @@ fn goal_yaw_files_and_settings_are_applied() {
 }
 
 #[test]
+fn a_motion_takes_the_time_that_is_asked_and_its_scenario_file_repeats_it() {
+    let dir = folder();
+    run(dir.path(), "solve --robot biped --goal 0.2,0.05,0.64@1.13 --first --out out").ends_with(0);
+    let motion = read(dir.path().join("out/trajectory.json"));
+    assert!((motion["T"].as_f64().unwrap() - 1.13).abs() < 1e-9, "{}", motion["T"]);
+    run(dir.path(), "verify out/trajectory.json").ends_with(0);
+    run(dir.path(), "solve out/scenario.toml --out again").ends_with(0);
+    assert_eq!(read(dir.path().join("again/trajectory.json")), motion);
+}
+
+#[test]
 fn each_stage_begins_where_the_previous_one_ends() {
     let dir = folder();
     run(
@@ -159,6 +170,9 @@ fn each_stage_begins_where_the_previous_one_ends() {
         "4 feet",
         "2",
     ]);
+    run(dir.path(), "solve --robot anymal --goal 3,0@2 --via 1,0@2").ends_with(2).says(&["goal: time: 2, but it must be later than 2 s"]);
+    run(dir.path(), "solve --robot anymal --goal 3,0@soon").ends_with(2).says(&["expected a time in seconds after @"]);
+    run(dir.path(), "solve --robot anymal --goal 3,0 --start 0,0@1").ends_with(2).says(&["expected X,Y or X,Y,Z in metres"]);
     run(dir.path(), "solve --robot anymal --goal 3,0 --via 5000,0").ends_with(2).says(&["waypoint 1", "goal", "1000"]);
     // Files of another run in the folder are reported. `--gait trot` means the name even if there is a folder of that name.
     fs::create_dir(dir.path().join("trot")).unwrap();

@@ -26,6 +26,8 @@ def test_a_copied_task_equals_the_original(task: cregopt.Task, gait: cregopt.Gai
     assert again(rough).terrain.height(0.33, 0.21) == terrain.height(0.33, 0.21)
     route = cregopt.Task(task.robot, task.terrain, goal=(2.0, 0.0), yaw=0.4, start=gait, via=[(1.4, 0.1), {"xy": [1.7, 0.0], "yaw": 0.1}])
     assert ["yaw" in place for place in again(route).via] == [False, True]
+    timed = cregopt.Task(task.robot, task.terrain, {"xy": [2.0, 0.0], "time": 5.0}, via=[{"xy": [1.0, 0.0], "time": 2.5}])
+    assert again(timed).goal["time"] == 5.0 and timed.via[0]["time"] == 2.5
 
 
 def test_a_copied_task_has_the_same_gaits_and_scenario(gait: cregopt.Gait) -> None:

@@ -40,6 +40,19 @@ def test_heights_are_at_the_positions_of_their_indices() -> None:
     assert cregopt.Terrain("flat", friction=0.5).friction == 0.5
 
 
+def test_meshes_and_height_maps_are_imported(tmp_path: pathlib.Path) -> None:
+    mesh = tmp_path / "ramp.obj"
+    mesh.write_text("v -1 -1 0\nv 3 -1 0.4\nv 3 1 0.4\nv -1 1 0\nf 1 2 3 4\n")
+    for terrain in (cregopt.Terrain.from_map(mesh, "hill", cell=0.5), cregopt.Terrain(str(mesh)), cregopt.Terrain.from_file(mesh)):
+        assert terrain.height(0.7, 0.3) == pytest.approx(0.17, abs=1e-9)
+    np.save(tmp_path / "map.npy", np.arange(6.0).reshape(2, 3) / 10)
+    assert cregopt.Terrain.from_map(tmp_path / "map.npy", cell=0.5, origin=(1.0, 2.0)).height(1.5, 3.0) == pytest.approx(0.5)
+    with pytest.raises(cregopt.Error, match="map.npy: --cell: missing"):
+        cregopt.Terrain.from_map(tmp_path / "map.npy")
+    with pytest.raises(cregopt.Error, match="from_map: cel: unknown field `cel`; did you mean `cell`"):
+        cregopt.Terrain.from_map(mesh, cel=0.5)  # type: ignore[call-arg]
+
+
 def test_a_task_has_the_given_start_and_goal() -> None:
     robot, terrain = cregopt.Robot("anymal"), cregopt.Terrain("flat")
     task = cregopt.Task(robot, terrain, goal=np.array([2.0, 0.3]), yaw=0.5, start=(1.0, 0.0), start_yaw=-0.1)
@@ -140,6 +153,18 @@ def test_a_task_can_be_read_from_a_scenario(tmp_path: pathlib.Path, monkeypatch:
         cregopt.Task.from_scenario(path)
     with pytest.raises(FileNotFoundError, match="missing.toml"):
         cregopt.Task.from_scenario(tmp_path / "missing.toml")
+
+
+def test_a_base_arrives_at_waypoint_and_goal_in_time() -> None:
+    via = {"xy": [0.3, 0.0], "z": 0.52, "yaw": 0.1, "time": 1.4}
+    task = cregopt.Task(ROBOT, FLAT, {"xy": [0.6, 0.0], "time": 3.1}, via=[via])
+    gait = cregopt.search(task, first=True, device="cpu")
+    first, last = (stage.trajectory for stage in gait.stages)
+    assert first.horizon == pytest.approx(1.4, abs=1e-9) and last.horizon == pytest.approx(1.7, abs=1e-9)
+    end = first.sample()
+    assert end.base_position[-1] == pytest.approx([0.3, 0.0, 0.52], abs=1e-3) and end.base_angles[-1, 2] == pytest.approx(0.1, abs=1e-3)
+    with pytest.raises(cregopt.Error, match="goal: time: 1, but it must be later than 1.4 s"):
+        cregopt.Task(ROBOT, FLAT, {"xy": [0.6, 0.0], "time": 1.0}, via=[via])
 
 
 def test_errors_name_invalid_waypoints() -> None:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, KeysView, Mapping, Sequence
-from typing import Any, Optional, Union, final
+from typing import Any, Literal, Optional, Union, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +54,18 @@ class Terrain:
     def __new__(cls, name: str = "flat", friction: Optional[float] = None) -> Terrain: ...
     @staticmethod
     def from_file(path: _Path) -> Terrain: ...
+    @staticmethod
+    def from_map(
+        path: _Path,
+        name: Optional[str] = None,
+        *,
+        cell: Optional[float] = None,
+        origin: Optional[Sequence[float]] = None,
+        height_scale: float = 1.0,
+        friction: float = 0.8,
+        layer: Optional[str] = None,
+        topic: Optional[str] = None,
+    ) -> Terrain: ...
     @staticmethod
     def from_dict(description: dict[str, Any]) -> Terrain: ...
     @staticmethod
@@ -167,6 +179,7 @@ class Trajectory:
     def horizon(self) -> float: ...
     def sample(self, rate: float = 100.0) -> Samples: ...
     def joints(self, rate: float = 100.0, robot: Optional[Robot] = None) -> Joints: ...
+    def export(self, path: _Path, format: Literal["csv", "mcap", "ros2"], rate: float = 100.0) -> None: ...
 
 @final
 class RobotState:

@@ -160,7 +160,7 @@ def evaluate(
     Parameters
     ----------
     task : Task
-        Task without waypoints.
+        Task without waypoints. If its goal has a time, the schedules are scaled to it.
     schedules : list of schedules
         One schedule per candidate. A schedule has one list per foot of phase durations, s: stance, swing, stance, ..., stance.
     trajectories : bool, default False
