@@ -394,6 +394,20 @@ def standing(robot: cregopt.Robot, x: float = 0.0, y: float = 0.0) -> dict[str, 
     }
 
 
+def test_a_urdf_file_gets_a_free_base_and_motors(tmp_path: pathlib.Path) -> None:
+    text = (pathlib.Path(__file__).parents[1] / "data" / "humanoid.urdf").read_text()
+    # A mesh that is not there.
+    mesh = '<collision><geometry><mesh filename="package://humanoid/meshes/pelvis.stl"/></geometry></collision></link>'
+    path = tmp_path / "human.urdf"
+    path.write_text(text.replace("</link>", mesh, 1))
+    machine = Machine(path)
+    limits = {machine.model.joint(j).name: machine.torque_limits[j - 1] for j in range(1, machine.model.njnt)}
+    assert machine.soled and machine.mass == pytest.approx(40) and [foot.name for foot in machine.feet] == ["L_foot", "R_foot"]
+    assert (limits["L_yaw"], limits["R_knee"], limits["L_shoulder"]) == pytest.approx((40, 120, 30))
+    report = cregopt.mujoco.play(standing(cregopt.mujoco.robot(path)), path, seed=1)
+    assert report.followed and report.end_error < 0.002, str(report)
+
+
 def test_a_humanoid_stands_on_its_soles(humanoid: pathlib.Path) -> None:
     robot = cregopt.mujoco.robot(humanoid)
     for x, y in ((0.0, 0.0), (0.06, 0.0), (-0.05, 0.04)):
@@ -567,6 +581,23 @@ def test_a_driven_robot_bears_a_load_that_it_does_not_know(model: pathlib.Path) 
     assert learns.distance < 0.5 * ignores.distance, f"{learns}\n{ignores}"
     light = cregopt.mujoco.drive(model, stands, settings=TROT)
     assert light.load is None and light.torque_share < learns.torque_share
+
+
+def test_the_ground_has_its_edges_where_a_grid_has_them(model: pathlib.Path) -> None:
+    # A riser of 0.1 m between two samples, and feet that stand anywhere.
+    heights = np.where(np.arange(80)[:, None] >= 43, 0.1, 0.0) * np.ones((1, 40))
+    for cell in (0.025, 0.07):
+        terrain = cregopt.Terrain.heights(heights, cell=cell, origin=(-1.0, -1.003))
+        spec = Machine(model).spec
+        (name,) = _ground.add(spec, terrain, 0.8, np.array([[[0.013, -0.1, 0.0], [0.5, 0.1, 0.0]]]))
+        compiled = spec.compile()
+        geom = compiled.geom(name)
+        size = compiled.hfield_size[geom.dataid[0]]
+        field = compiled.hfield_data.reshape(compiled.hfield_nrow[0], compiled.hfield_ncol[0]) * size[2] + geom.pos[2]
+        xs = np.linspace(0.0, 0.5, 301)
+        on_field = np.interp(xs, np.linspace(-size[0], size[0], field.shape[1]) + geom.pos[0], field[field.shape[0] // 2])
+        assert np.allclose(on_field, [terrain.height(x, 0.0) for x in xs], atol=1e-6), cell
+        assert -size[0] + geom.pos[0] <= 0.013 - 1 and size[0] + geom.pos[0] >= 0.5 + 1
 
 
 def test_patches_have_their_own_friction(model: pathlib.Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -488,6 +489,8 @@ def _read(path: Path) -> Any:
         raise Error(f"{os.fspath(path)}: there is no such model file")
     try:
         spec = mj.MjSpec.from_file(os.fspath(path))
+        if ElementTree.parse(path).getroot().tag == "robot":
+            _complete(spec)
         world = {geom.name for geom in spec.worldbody.geoms}
         for pair in list(spec.pairs):
             # A geom that is in contact with the world by a pair is in contact with the ground by itself.
@@ -499,6 +502,23 @@ def _read(path: Path) -> Any:
         for geom in list(spec.worldbody.geoms):
             spec.delete(geom)
         spec.compile()
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
         raise Error(f"{os.fspath(path)}: {error}") from error
     return spec
+
+
+def _complete(spec: Any) -> None:
+    """Adds what a URDF file does not have: a free base, and a motor for each joint, with its effort as the limit. Meshes whose files MuJoCo
+    does not find, such as those of ``package://``, are left out."""
+    base = spec.worldbody.first_body()
+    if base is not None and base.first_joint() is None:
+        base.add_freejoint()
+    driven = {actuator.target for actuator in spec.actuators}
+    for joint in spec.joints:
+        if joint.type in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE) and joint.name not in driven:
+            spec.add_actuator(name=joint.name, target=joint.name, trntype=mj.mjtTrn.mjTRN_JOINT)
+    absent = {mesh.name for mesh in spec.meshes if not os.path.isfile(os.path.join(spec.modelfiledir, spec.meshdir, mesh.file))}
+    for geom in [geom for geom in spec.geoms if geom.meshname in absent]:
+        spec.delete(geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in absent]:
+        spec.delete(mesh)
