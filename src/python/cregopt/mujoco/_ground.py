@@ -22,8 +22,9 @@ DEPTH = 1.0
 #: Half of the length of flat ground, m.
 FLAT = 50.0
 #: Most strips of which the ground may consist; the distance between the heights in which they are searched on ground that is no grid, and
-#: the number of places across x where these are compared; the height by which a strip may bend; and the thinnest box, m.
-STRIPS, FINE, ACROSS, BENT, THINNEST = 200, 2e-3, 9, 1e-7, 0.01
+#: the number of places across x where these are compared; the height by which a strip may bend; the height by which a box may come out of
+#: the ground, where it meets the next one; and the thinnest box, m.
+STRIPS, FINE, ACROSS, BENT, OUTSIDE, THINNEST = 50, 2e-3, 9, 1e-7, 1e-6, 0.01
 #: Colour of patches, by which that of the ground is multiplied.
 TINT = [0.65, 0.8, 1.0, 1.0]
 
@@ -48,7 +49,7 @@ def add(spec: Any, terrain: Terrain, friction: float, feet: Floats, patches: Seq
     names = []
     for start, end in zip(ends, ends[1:]):
         inside = [of for of, first, last in patches if first < (start + end) / 2 < last]
-        of_part = [strip for strip in strips or [] if start <= strip[0][0] < end]
+        of_part = [strip for strip in strips or [] if start <= strip[0][0, 0] < end]
         for strip in of_part if strips else [None]:
             names.append(f"{NAME} {len(names)}" if names else NAME)
             settings = _settings(names[-1], *(inside or [friction]))
@@ -57,12 +58,13 @@ def add(spec: Any, terrain: Terrain, friction: float, feet: Floats, patches: Seq
             if strip is None:
                 _add_heights(spec, terrain, feet, (start, end), settings, bool(patches))
             else:
-                _add_strip(spec, terrain, strip, floor, settings)
+                _add_strip(spec, *strip, settings)
     return names
 
 
-def _strips(terrain: Terrain, ends: Sequence[float], feet: Floats, floor: float) -> Optional[list[Floats]]:
-    """Plane strips across x of which the ground consists: the points (x, z) at both ends of each, m, shape (2, 2); None if it has others.
+def _strips(terrain: Terrain, ends: Sequence[float], feet: Floats, floor: float) -> Optional[list[tuple[Floats, float]]]:
+    """Plane strips across x of which the ground consists: the points (x, z) at both ends of each, shape (2, 2), and the thickness that it may
+    have, m. None if the ground has others, or edges that are too sharp.
 
     ``ends``: coordinates x between which it is needed, all of which are ends of strips. ``floor``: height at which it is cut off, m.
     """
@@ -84,17 +86,33 @@ def _strips(terrain: Terrain, ends: Sequence[float], feet: Floats, floor: float)
     slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
     corner = np.abs(np.diff(slopes)) * np.minimum(np.diff(xs)[:-1], np.diff(xs)[1:]) > BENT
     kept = points[[0, *(np.flatnonzero(corner | np.isin(xs[1:-1], ends)) + 1), -1]]
-    return [kept[i : i + 2] for i in range(len(kept) - 1)] if len(kept) <= STRIPS else None
+    if len(kept) > STRIPS:
+        return None
+    strips = [(kept[i : i + 2], _thickness(terrain, kept[i : i + 2], floor)) for i in range(len(kept) - 1)]
+    return strips if all(thickness >= THINNEST for _, thickness in strips) else None
 
 
-def _add_strip(spec: Any, terrain: Terrain, strip: Floats, floor: float, settings: dict[str, Any]) -> None:
-    """Adds a box whose upper face is a strip. It is thinner than DEPTH if it would come out of the ground elsewhere."""
-    (length, rise), middle = strip[1] - strip[0], strip.mean(axis=0)
-    down = np.array([rise, -length]) / np.hypot(length, rise)
-    thickness = DEPTH
-    while thickness > THINNEST and any(z > max(terrain.height(x, 0.0), floor) + BENT for x, z in _sides(strip, thickness * down)):
+def _thickness(terrain: Terrain, strip: Floats, floor: float) -> float:
+    """Thickness, at most DEPTH, with which a strip does not come out of the ground, m; less than THINNEST if it always does."""
+    thickness, shares = DEPTH, np.linspace(0, 1, 21)[:, None]
+    while thickness >= THINNEST:
+        down = thickness * _down(strip)
+        sides = [strip[0] + shares * down, strip[1] + shares * down, strip[0] + down + shares * (strip[1] - strip[0])]
+        if all(z < max(terrain.height(x, 0.0), floor) + OUTSIDE for x, z in np.concatenate(sides)):
+            break
         thickness /= 2
-    x, z = middle + thickness / 2 * down
+    return thickness
+
+
+def _down(strip: Floats) -> Floats:
+    """Unit vector (x, z) from a strip into the ground."""
+    length, rise = strip[1] - strip[0]
+    return np.array([rise, -length]) / np.hypot(length, rise)
+
+
+def _add_strip(spec: Any, strip: Floats, thickness: float, settings: dict[str, Any]) -> None:
+    """Adds a box whose upper face is a strip."""
+    (length, rise), (x, z) = strip[1] - strip[0], strip.mean(axis=0) + thickness / 2 * _down(strip)
     turn = np.arctan2(rise, length)
     spec.worldbody.add_geom(
         type=mj.mjtGeom.mjGEOM_BOX,
@@ -103,12 +121,6 @@ def _add_strip(spec: Any, terrain: Terrain, strip: Floats, floor: float, setting
         quat=[np.cos(turn / 2), 0.0, -np.sin(turn / 2), 0.0],
         **settings,
     )
-
-
-def _sides(strip: Floats, down: Floats) -> Floats:
-    """Points (x, z) on the front, the rear and the lower side of a strip that is thick by the vector ``down``, m."""
-    shares = np.linspace(0, 1, 21)[:, None]
-    return np.concatenate([strip[0] + shares * down, strip[1] + shares * down, strip[0] + down + shares * (strip[1] - strip[0])])
 
 
 def _flat(terrain: Terrain) -> bool:

@@ -37,6 +37,8 @@ CROUCH = 0.055
 #: centre of mass that are tried, as shares of that in the given pose.
 PREBENT, HEIGHTS = 0.1, np.linspace(0.75, 1.25, 51)
 
+#: Mass, kg, and moment of inertia, kg m², of links of a URDF file that have less.
+LEAST = (1e-6, 1e-9)
 #: Name of the body of a load, which no model uses, and length of the sides of its cube, m.
 LOAD, LOAD_SIZE = "cregopt load", 0.1
 
@@ -508,8 +510,9 @@ def _read(path: Path) -> Any:
 
 
 def _complete(spec: Any) -> None:
-    """Adds what a URDF file does not have: a free base, and a motor for each joint, with its effort as the limit. Meshes whose files MuJoCo
-    does not find, such as those of ``package://``, are left out."""
+    """Adds what a URDF file does not have: a free base, and a motor for each joint, with its effort as the limit. Links without mass between
+    joints get the least one. Meshes whose files MuJoCo does not find, such as those of ``package://``, are left out."""
+    spec.compiler.boundmass, spec.compiler.boundinertia = LEAST
     base = spec.worldbody.first_body()
     if base is not None and base.first_joint() is None:
         base.add_freejoint()
