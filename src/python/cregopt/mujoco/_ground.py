@@ -46,7 +46,7 @@ def add(spec: Any, terrain: Terrain, friction: float, feet: Floats, patches: Seq
     floor = float(feet[..., 2].min()) - DEPTH
     ends = sorted({low, high, *(float(np.clip(end, low, high)) for _, *range in patches for end in range)})
     strips = _strips(terrain, ends, feet, floor)
-    names = []
+    names: list[str] = []
     for start, end in zip(ends, ends[1:]):
         inside = [of for of, first, last in patches if first < (start + end) / 2 < last]
         of_part = [strip for strip in strips or [] if start <= strip[0][0, 0] < end]
@@ -107,7 +107,7 @@ def _thickness(terrain: Terrain, strip: Floats, floor: float) -> float:
 def _down(strip: Floats) -> Floats:
     """Unit vector (x, z) from a strip into the ground."""
     length, rise = strip[1] - strip[0]
-    return np.array([rise, -length]) / np.hypot(length, rise)
+    return np.asarray(np.array([rise, -length]) / np.hypot(length, rise))
 
 
 def _add_strip(spec: Any, strip: Floats, thickness: float, settings: dict[str, Any]) -> None:
