@@ -469,7 +469,7 @@ def test_a_foot_that_lifts_off_downhill_is_not_in_contact(humanoid: pathlib.Path
     state = machine.state(machine.stance, np.zeros(machine.model.nv))
     descends = 0
     for k in range(len(plan.feet)):
-        for f in np.flatnonzero(~plan.stands(k)):
+        for f in map(int, np.flatnonzero(~plan.stands(k))):
             start, end = plan.edges[f][plan.phases[k, f] :][:2]
             share = (k * plan.step - start) / (end - start)
             # Loads of a foot that has just lifted off, and of one that lands early.
