@@ -423,9 +423,8 @@ mod tests {
         // Inside its box, but beyond a face that cuts it.
         let slab = Slab { normal: [0.6, 0., 0.8], sides: [-0.08, 0.08] };
         let cut = FootReach { sides: [[-0.4, 0.4]; 3], diagonals: vec![slab] };
-        let robot = Robot { reach: Reach::PerFoot(vec![cut; 4]), ..Robot::named("anymal").unwrap() };
-        let level = BaseState::level([0., 0., robot.base_height], 0.);
-        let goal = BaseState::level([1., 0., robot.base_height], 0.);
+        let robot = Robot { name: "cut".into(), reach: Reach::PerFoot(vec![cut; 4]), ..robot };
+        let [level, goal] = [0., 1.].map(|x| BaseState::level([x, 0., robot.base_height], 0.));
         let task = |feet| Task::of_states(robot.clone(), Terrain::flat(), level, feet, goal).unwrap();
         let mut feet = task(None).start_feet;
         assert_eq!(check(&task(Some(feet.clone()))), []);
