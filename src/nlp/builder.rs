@@ -22,6 +22,9 @@ use crate::task::Task;
 use nalgebra::Matrix3;
 use std::ops::Range;
 
+/// Radius at which the ground ahead of swinging soles is sampled, relative to that of the sole: it moves on between two instants.
+const SOLE_LEAD: f64 = 1.1;
+
 /// Element whose columns are not known yet.
 struct Draft {
     family: Family,
@@ -390,7 +393,7 @@ fn constants<T: Real>(
         friction: T::of(task.terrain.friction),
         length_margin: T::of(settings.length_margin),
         force_margin: T::of(settings.force_margin * robot.feet() as f64),
-        foot_radius: T::of(footing::radius(task, settings)),
+        foot_radius: T::of(footing::radius(task, settings) * robot.sole.map_or(1., |_| SOLE_LEAD)),
         ball_radius: T::of(if robot.sole.is_some() { 0. } else { footing::radius(task, settings) }),
         foot_acceleration: T::of(foot_acceleration.unwrap_or(f64::INFINITY)),
         pressure: robot.sole.map_or([0.; 2], |_| [PRESSURE_SHARE, PRESSURE_SHARE * across / along]).map(T::of),

@@ -245,6 +245,30 @@ fn turn_elements<T: Real>(b: &mut Builder<T>) {
     }
 }
 
+/// Fractions of a swing over an edge at which the height of a sole is constrained. They are dense where it rises and falls, so that toe and
+/// heel do not meet a riser between two instants.
+const EDGE_PARTS: [f64; 23] = {
+    let (mut parts, mut i, mut at) = ([0.; 23], 0, 2);
+    while i < parts.len() {
+        parts[i] = at as f64 / 32.;
+        at += if (4 <= at && at < 12) || (20 <= at && at < 28) { 1 } else { 2 };
+        i += 1;
+    }
+    parts
+};
+
+/// True if the ground under the initial guess of a swing of a sole is not one plane.
+///
+/// * `swing` - index among the swings of the foot
+fn crosses_edge<T: Real>(b: &Builder<T>, foot: usize, swing: usize) -> bool {
+    let Some(sole) = b.task.robot.sole else { return false };
+    let after = |swing: usize| b.feet[foot].footings.get(swing).map(|room| room.at);
+    let from = if swing == 0 { Some(b.task.foothold_start(foot)) } else { after(swing - 1) };
+    let Some((from, to)) = from.zip(after(swing)) else { return false };
+    let side = |of: fn(f64, f64) -> f64, by: f64| std::array::from_fn(|i| of(from[i], to[i]) + by);
+    !b.task.terrain.is_plane(side(f64::min, -sole.radius()), side(f64::max, sole.radius()))
+}
+
 fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     for foot in 0..b.feet.len() {
         for swing in 0..b.feet[foot].heights.len() {
@@ -257,7 +281,8 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             // On level ground lower and upper limit are one two-sided row.
             let level = !b.task.terrain.has_edges();
             let two_sided = law.limited && level;
-            let lows = law.parts.iter().map(|part| (part, false));
+            let parts = if crosses_edge(b, foot, swing) { &EDGE_PARTS } else { law.parts };
+            let lows = parts.iter().map(|part| (part, false));
             for (&part, upper) in lows.chain((law.limited && !level).then_some((&0.5, true))) {
                 // The middle of a swing is the middle of the whole swing, from its lift-off; a foot that only descends has none.
                 let t = match curve.mid() {

@@ -156,12 +156,13 @@ pub fn swing<T: Real>(tables: &Tables<T>, x: &[T], ground: &[Ground<T>], residua
 #[cfg(test)]
 mod tests {
     use super::super::{Shared, residuals};
+    use super::SwingNode;
     use crate::gait::Schedule;
     use crate::nlp::Problem;
     use crate::robot::Robot;
     use crate::settings::TranscriptionSettings;
     use crate::task::{Goal, Task};
-    use crate::terrain::Terrain;
+    use crate::terrain::{Grid, Shape, Terrain};
 
     fn rows(problem: &Problem<f64>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let mut shared = Shared::default();
@@ -211,6 +212,38 @@ mod tests {
                 }
             }
             assert_eq!(deep > 0, terrain == "gap");
+        }
+    }
+
+    #[test]
+    fn a_sole_over_an_edge_moves_little_between_instants_while_it_rises() {
+        // A riser of 0.1 m between samples at x = 0.45 m and 0.475 m.
+        let heights = (0..281).map(|i| vec![if i > 98 { 0.1 } else { 0. }; 161]).collect();
+        let grid = Grid { low: [-2.; 2], high: [5.025, 2.025], heights };
+        let terrain = Terrain { name: "riser".into(), friction: 0.8, shape: Shape::Grid(grid) };
+        let settings = TranscriptionSettings::default();
+        for (robot, dense) in [("humanoid", true), ("biped", false)] {
+            let task = Task::new(Robot::named(robot).unwrap(), terrain.clone(), Goal::at(1.5, 0.)).unwrap();
+            let schedule = Schedule::new(vec![vec![0.3, 0.4, 0.5, 0.4, 0.5, 0.4, 0.8], vec![0.7, 0.4, 0.5, 0.4, 0.5, 0.4, 0.4]]).unwrap();
+            let problem = Problem::<f64>::new(&task, &schedule.aligned(0.1), &settings);
+            let (mut crossing, mut others) = (0, 0);
+            for swing in problem.swing_nodes.chunk_by(|a, b| a.foothold == b.foothold) {
+                let at = swing[0].foothold.map(|f| problem.initial[problem.footholds[f as usize] as usize]);
+                let crosses = task.robot.sole.is_some_and(|sole| at[0] - sole.radius() < 0.475 && at[1] + sole.radius() > 0.45);
+                let lows: Vec<_> = swing.iter().filter(|node| node.upper == 0).collect();
+                // The foot rises and falls most where its height is a mean of those of a foothold and the mid node.
+                let between = |node: &SwingNode<f64>| (0.15..0.85).contains(&node.z_weights[2]);
+                let pairs = lows.windows(2).filter(|pair| pair.iter().all(|&node| between(node)));
+                let most = pairs.map(|pair| pair[1].xy_weights[1] - pair[0].xy_weights[1]).fold(0., f64::max);
+                if crosses {
+                    assert!(most > 0. && most < 0.05, "{robot}: {most}");
+                    crossing += 1;
+                } else {
+                    assert!(lows.len() == 9 && most > 0.1, "{robot}: {} instants, {most}", lows.len());
+                    others += 1;
+                }
+            }
+            assert!((crossing > 0) == dense && others > 0, "{robot}: {crossing} {others}");
         }
     }
 }

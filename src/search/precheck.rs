@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::gait::Schedule;
 use crate::gait::swing::TOP_SPEED;
 use crate::nlp::transcription::{force_limit, legs};
-use crate::robot::Robot;
+use crate::robot::{Robot, Slab};
 use crate::settings::{Transcription, TranscriptionSettings};
 use crate::task::Task;
 use crate::verify::TOLERANCE;
@@ -74,27 +74,34 @@ fn ground_under(task: &Task, end: End, foot: usize) -> [f64; 2] {
     }
 }
 
-/// Finding if a foot at the start is outside its reach along x or y of the base frame.
+/// Finding if a foot at the start is outside its reach: along x or y of the base frame, or beyond a diagonal face.
 fn feet_out_of_reach(task: &Task) -> Option<Finding> {
     let robot = &task.robot;
-    let excess = |foot: usize| {
+    let place = |foot: usize| {
         let [x, y] = task.foothold_start(foot);
-        let place = task.start.to_base([x, y, task.terrain.height(x, y)]);
-        let beyond = |axis: usize| {
-            let (offset, reach) = (place[axis] - robot.nominal_feet[foot][axis], robot.reach.of(foot));
-            ((offset - reach.high[axis]).max(reach.low[axis] - offset), axis, place[axis])
-        };
-        let (x, y) = (beyond(0), beyond(1));
-        if x.0 > y.0 { x } else { y }
+        task.start.to_base([x, y, task.terrain.height(x, y)])
     };
-    let (foot, (excess, axis, place)) = (0..robot.feet()).map(|foot| (foot, excess(foot))).max_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-    let nominal = robot.nominal_feet[foot][axis];
-    let reach = robot.reach.of(foot);
-    let (low, high) = (nominal + reach.low[axis], nominal + reach.high[axis]);
+    let excess = |foot: usize| {
+        let (place, nominal) = (place(foot), robot.nominal_feet[foot]);
+        let offset: [f64; 3] = std::array::from_fn(|d| place[d] - nominal[d]);
+        let beyond = |(number, slab): (usize, Slab)| {
+            let [low, high] = slab.sides;
+            ((slab.along(offset) - high).max(low - slab.along(offset)), foot, number)
+        };
+        // [`ground_out_of_reach`] looks at the heights.
+        robot.reach.foot(foot).slabs().enumerate().filter(|(number, _)| *number != 2).map(beyond).collect::<Vec<_>>()
+    };
+    let (excess, foot, number) = (0..robot.feet()).flat_map(excess).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (place, nominal, slab) = (place(foot), robot.nominal_feet[foot], robot.reach.foot(foot).slab(number));
+    let at = match number {
+        0 | 1 => format!("at {} = {:.3} m in the base frame", ["x", "y"][number], place[number]),
+        _ => format!("at {place:.3?} m in the base frame, {:.3} m along {:.3?}", slab.along(place), slab.normal),
+    };
+    let [low, high] = slab.sides.map(|side| slab.along(nominal) + side);
     (excess > TOLERANCE).then(|| Finding {
         certain: excess > DENSE_REACH + TOLERANCE,
         place: format!("start, foot {foot}"),
-        found: format!("it is at {} = {place:.3} m in the base frame, {excess:.3} m outside its reach", ["x", "y"][axis]),
+        found: format!("it is {at}, {excess:.3} m outside its reach"),
         remedy: format!("within reach, from {low:.3} to {high:.3} m: move the foot or the base at the start"),
     })
 }
@@ -332,7 +339,7 @@ fn too_little_swing(place: String, by: &str, speed: f64, seconds: f64, needed: f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::robot::ROBOTS;
+    use crate::robot::{FootReach, ROBOTS, Reach};
     use crate::scenario::{SCENARIOS, TARGETS};
     use crate::task::{BaseState, Goal};
     use crate::terrain::Terrain;
@@ -413,6 +420,20 @@ mod tests {
         feet[3][0] -= 0.4;
         let found = check(&task(Some(feet)));
         assert!(found[0].certain && found[0].place == "start, foot 3" && found[0].found.contains("outside its reach"), "{}", found[0]);
+        // Inside its box, but beyond a face that cuts it.
+        let slab = Slab { normal: [0.6, 0., 0.8], sides: [-0.08, 0.08] };
+        let cut = FootReach { sides: [[-0.4, 0.4]; 3], diagonals: vec![slab] };
+        let robot = Robot { name: "cut".into(), reach: Reach::PerFoot(vec![cut; 4]), ..robot };
+        let [level, goal] = [0., 1.].map(|x| BaseState::level([x, 0., robot.base_height], 0.));
+        let task = |feet| Task::of_states(robot.clone(), Terrain::flat(), level, feet, goal).unwrap();
+        let mut feet = task(None).start_feet;
+        assert_eq!(check(&task(Some(feet.clone()))), []);
+        feet[1][0] += 0.3;
+        let below = robot.base_height + robot.nominal_feet[1][2];
+        let excess = 0.6 * 0.3 - 0.8 * below - 0.08;
+        let found = check(&task(Some(feet)));
+        let text = format!("{excess:.3} m outside its reach");
+        assert!(found[0].certain && found[0].place == "start, foot 1" && found[0].found.contains(&text), "{} {text}", found[0]);
     }
 
     #[test]

@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import io
+import itertools
 import json
 import math
 import os
@@ -394,6 +395,20 @@ def standing(robot: cregopt.Robot, x: float = 0.0, y: float = 0.0) -> dict[str, 
     }
 
 
+def test_a_urdf_file_gets_a_free_base_and_motors(tmp_path: pathlib.Path) -> None:
+    text = (pathlib.Path(__file__).parents[1] / "data" / "humanoid.urdf").read_text()
+    # A mesh that is not there.
+    mesh = '<collision><geometry><mesh filename="package://humanoid/meshes/pelvis.stl"/></geometry></collision></link>'
+    path = tmp_path / "human.urdf"
+    path.write_text(text.replace("</link>", mesh, 1))
+    machine = Machine(path)
+    limits = {machine.model.joint(j).name: machine.torque_limits[j - 1] for j in range(1, machine.model.njnt)}
+    assert machine.soled and machine.mass == pytest.approx(40) and [foot.name for foot in machine.feet] == ["L_foot", "R_foot"]
+    assert (limits["L_yaw"], limits["R_knee"], limits["L_shoulder"]) == pytest.approx((40, 120, 30))
+    report = cregopt.mujoco.play(standing(cregopt.mujoco.robot(path)), path, seed=1)
+    assert report.followed and report.end_error < 0.002, str(report)
+
+
 def test_a_humanoid_stands_on_its_soles(humanoid: pathlib.Path) -> None:
     robot = cregopt.mujoco.robot(humanoid)
     for x, y in ((0.0, 0.0), (0.06, 0.0), (-0.05, 0.04)):
@@ -441,6 +456,29 @@ def test_soles_follow_the_yaws_of_a_plan(turning_walk: cregopt.Gait, humanoid: p
         patch.setattr("cregopt.mujoco._play.Controller", Watched)
         assert cregopt.mujoco.play(turning_walk, humanoid).followed
     assert ends == pytest.approx([feet[0]["yaws"][-1], feet[1]["yaws"][-1], 1, 1], abs=0.05)
+
+
+def test_a_foot_that_lifts_off_downhill_is_not_in_contact(humanoid: pathlib.Path) -> None:
+    robot = cregopt.mujoco.robot(humanoid)
+    x = np.arange(-2.0, 3.0, 0.25)
+    terrain = cregopt.Terrain.heights(-0.25 * x[:, None] * np.ones((1, 16)), cell=0.25, origin=(-2.0, -2.0), friction=0.8)
+    gait = cregopt.search(cregopt.Task(robot, terrain, goal=(0.6, 0.0)), gaits="walk", first=True, device="cpu", settings={"transcription": {"foot_acceleration": 40}})
+    assert gait.feasible
+    plan, machine = _plan.read(gait, 500), Machine(humanoid, count=2)
+    controller = Controller(machine, plan, 0.8, 30.0, cregopt.mujoco.Gains())
+    state = machine.state(machine.stance, np.zeros(machine.model.nv))
+    descends = 0
+    for k in range(len(plan.feet)):
+        for f in map(int, np.flatnonzero(~plan.stands(k))):
+            start, end = plan.edges[f][plan.phases[k, f] :][:2]
+            share = (k * plan.step - start) / (end - start)
+            # Loads of a foot that has just lifted off, and of one that lands early.
+            touches = controller._touches(f, k, False, state._replace(feet=plan.feet[k]), 50.0)
+            assert touches == (share > 0.5) or abs(share - 0.5) < 0.1, f"{f} {share}"
+            descends += share < 0.3 and plan.feet_velocity[k, f, 2] < 0
+    assert descends > 0
+    report = cregopt.mujoco.play(gait, humanoid, seed=1)
+    assert report.followed and report.position_error_max < 0.05, str(report)
 
 
 def test_the_moments_of_a_plan_are_tracked(humanoid: pathlib.Path) -> None:
@@ -567,6 +605,55 @@ def test_a_driven_robot_bears_a_load_that_it_does_not_know(model: pathlib.Path) 
     assert learns.distance < 0.5 * ignores.distance, f"{learns}\n{ignores}"
     light = cregopt.mujoco.drive(model, stands, settings=TROT)
     assert light.load is None and light.torque_share < learns.torque_share
+
+
+def test_the_ground_is_that_of_the_plan() -> None:
+    mujoco: Any = pytest.importorskip("mujoco")
+    feet = np.array([[[0.013, -0.1, 0.0], [1.1, 0.1, 0.0]]])
+    n = np.arange(160)
+    riser, ridge, sharp, slope = np.where(n >= 63, 0.1, 0.0), np.maximum(0.1 - 0.02 * abs(n - 63), 0), np.maximum(0.1 - 0.05 * abs(n - 63), 0), 0.0067 * n
+    block = riser[:, None] * (np.arange(90) > 40)
+    terrains = [cregopt.Terrain(name) for name in ("stairs", "slope", "block", "gap", "chimney")]
+    for heights in (riser, ridge, slope, sharp, block):
+        grid = heights if heights.ndim == 2 else heights[:, None] * np.ones(90)
+        terrains.append(cregopt.Terrain.heights(grid, cell=0.025, origin=(-1.0, -1.003)))
+    for terrain in terrains:
+        # Boxes below the sides of a sharp ridge would come out on its other side.
+        strips = terrain.name not in ("gap", "chimney") and terrain not in terrains[-2:]
+        for patches in ([], [(0.3, 0.4, 0.52)]):
+            spec = mujoco.MjSpec()
+            names = _ground.add(spec, terrain, 0.8, feet, patches)
+            model = spec.compile()
+            data, hit = mujoco.MjData(model), np.zeros(1, dtype=np.int32)
+            mujoco.mj_forward(model, data)
+            kinds = {int(model.geom(name).type[0]) for name in names}
+            assert kinds == {int(mujoco.mjtGeom.mjGEOM_BOX if strips else mujoco.mjtGeom.mjGEOM_HFIELD)}, terrain.name
+            for x, y in itertools.product(np.linspace(-0.5, 1.6, 1051), (-0.3, 0.2)):
+                depth = mujoco.mj_ray(model, data, np.array([x, y, 3.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, hit)
+                # Heights within a small distance: vertical edges have no height, and height fields are interpolated.
+                near = 1e-3 if strips else 0.05
+                beside = [max(terrain.height(x + dx, y + dy), -_ground.DEPTH) for dx in (-near, 0.0, near) for dy in (-near, 0.0, near)]
+                rounded = 1e-5 if strips else 0.03
+                assert min(beside) - rounded <= 3.0 - depth <= max(beside) + rounded, f"{terrain.name} {x} {y}: {3 - depth}, {beside}"
+
+
+def test_a_sole_has_all_its_contacts_on_a_grid() -> None:
+    mujoco: Any = pytest.importorskip("mujoco")
+    rise = np.maximum(np.arange(-80, 80) * 0.025, 0.0) * 0.25
+    for cell in (0.025, 0.005):
+        terrain = cregopt.Terrain.heights(rise[:, None] * np.ones(160), cell=cell, origin=(-80 * cell, -80 * cell))
+        spec = mujoco.MjSpec()
+        body = spec.worldbody.add_body(pos=[-0.15, 0.0, 0.0])
+        body.add_freejoint()
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.105, 0.065, 0.01], mass=1.0)
+        _ground.add(spec, terrain, 0.8, np.zeros((1, 1, 3)))
+        model = spec.compile()
+        data = mujoco.MjData(model)
+        data.qpos[2] = 0.0099
+        mujoco.mj_forward(model, data)
+        at = np.array([contact.pos[:2] for contact in data.contact]) - data.qpos[:2]
+        for corner in itertools.product((-0.105, 0.105), (-0.065, 0.065)):
+            assert np.linalg.norm(at - corner, axis=1).min() < 1e-3, f"{cell}: {at}"
 
 
 def test_patches_have_their_own_friction(model: pathlib.Path) -> None:

@@ -258,7 +258,8 @@ class Controller:
         if due:
             lifted = float((state.feet[f] - self.ground[f]) @ self.plan.normals[k, f])
             return bears or lifted < self.gains.near or (self.gains.mapped and self._gap(f, k, state) < self.gains.near)
-        return bears and float(self.plan.feet_velocity[k, f, 2]) < 0
+        # Against the ground: downhill a foot descends from its lift-off on.
+        return bears and float(self.plan.feet_velocity[k, f] @ self.plan.normals[k, f]) < 0
 
     def _gap(self, f: int, k: int, state: State) -> float:
         """Distance of a foot from the ground of the plan, along the normal, m."""

@@ -74,7 +74,7 @@ def drive(
     Parameters
     ----------
     model : path
-        MuJoCo model (MJCF or URDF) with a free base and legs, all of whose joints have motors.
+        MuJoCo model with a free base and legs, all of whose joints have motors, or URDF file, which gets both.
     commands : list of ((float, float, float), float)
         Velocity forward and to the left, m/s, and yaw rate, rad/s, each with its duration, s.
     pushes : list of (float, (float, float, float), float)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from typing import Any, Iterator, NamedTuple, Optional, Sequence, Union
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -36,6 +37,8 @@ CROUCH = 0.055
 #: centre of mass that are tried, as shares of that in the given pose.
 PREBENT, HEIGHTS = 0.1, np.linspace(0.75, 1.25, 51)
 
+#: Mass, kg, and moment of inertia, kg m², of links of a URDF file that have less.
+LEAST = (1e-6, 1e-9)
 #: Name of the body of a load, which no model uses, and length of the sides of its cube, m.
 LOAD, LOAD_SIZE = "cregopt load", 0.1
 
@@ -488,6 +491,8 @@ def _read(path: Path) -> Any:
         raise Error(f"{os.fspath(path)}: there is no such model file")
     try:
         spec = mj.MjSpec.from_file(os.fspath(path))
+        if ElementTree.parse(path).getroot().tag == "robot":
+            _complete(spec)
         world = {geom.name for geom in spec.worldbody.geoms}
         for pair in list(spec.pairs):
             # A geom that is in contact with the world by a pair is in contact with the ground by itself.
@@ -499,6 +504,24 @@ def _read(path: Path) -> Any:
         for geom in list(spec.worldbody.geoms):
             spec.delete(geom)
         spec.compile()
-    except (ValueError, RuntimeError) as error:
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
         raise Error(f"{os.fspath(path)}: {error}") from error
     return spec
+
+
+def _complete(spec: Any) -> None:
+    """Adds what a URDF file does not have: a free base, and a motor for each joint, with its effort as the limit. Links without mass between
+    joints get the least one. Meshes whose files MuJoCo does not find, such as those of ``package://``, are left out."""
+    spec.compiler.boundmass, spec.compiler.boundinertia = LEAST
+    base = spec.worldbody.first_body()
+    if base is not None and base.first_joint() is None:
+        base.add_freejoint()
+    driven = {actuator.target for actuator in spec.actuators}
+    for joint in spec.joints:
+        if joint.type in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE) and joint.name not in driven:
+            spec.add_actuator(name=joint.name, target=joint.name, trntype=mj.mjtTrn.mjTRN_JOINT)
+    absent = {mesh.name for mesh in spec.meshes if not os.path.isfile(os.path.join(spec.modelfiledir, spec.meshdir, mesh.file))}
+    for geom in [geom for geom in spec.geoms if geom.meshname in absent]:
+        spec.delete(geom)
+    for mesh in [mesh for mesh in spec.meshes if mesh.name in absent]:
+        spec.delete(mesh)

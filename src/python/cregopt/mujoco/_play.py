@@ -61,8 +61,8 @@ def play(
     trajectory : Trajectory, Gait, dict or path
         The plan. Its base frame is the centre of mass with the axes of the model's first body.
     model : path
-        MuJoCo model (MJCF or URDF) with a free base and legs, all of whose joints have motors. The geometry of its world is replaced by the
-        terrain of the plan.
+        MuJoCo model with a free base and legs, all of whose joints have motors, or URDF file, which gets both. The geometry of its world is
+        replaced by the terrain of the plan.
     feet : list of str, optional
         Geoms (balls or capsules), bodies or sites that are the feet, in the plan's order. Default: the feet on which the model stands, each assigned
         to the nearest foot of the plan.

@@ -45,7 +45,8 @@ def robot(model: Path, feet: Optional[Sequence[str]] = None) -> Robot:
     Parameters
     ----------
     model : path
-        MuJoCo model (MJCF or URDF) with a free base and legs, all of whose joints have motors. The geometry of its world is ignored.
+        MuJoCo model with a free base and legs, all of whose joints have motors, or URDF file, which gets both. The geometry of its world is
+        ignored.
     feet : list of str, optional
         Geoms (balls or capsules), bodies or sites that are the feet, in the order of the plans. Default: the ends of the legs that are on the ground in
         the model's stance, front before rear and left before right.
