@@ -8,7 +8,6 @@ const MOMENTUM_POINTS: u32 = 7u;
 const POSE: u32 = 6u;
 const POSE_BLOCKS: u32 = 4u;
 const OWN_BLOCKS: u32 = 3u;
-const OWN_COLUMNS: u32 = 5u;
 const FACTORED_ROWS: u32 = 3u;
 const FACTORED_PAIRS: u32 = 3u;
 const FORCE_ROWS: u32 = 5u;
@@ -42,7 +41,7 @@ const EARLY_TERMINATION_FROM: u32 = 2u;
 const EARLY_TERMINATION_TO: u32 = 15u;
 const EARLY_TERMINATION_KNEE: u32 = 4u;
 const EARLY_TERMINATION_LATE_KNEE: u32 = 7u;
-const LINEAR_MOMENTUM: u32 = 1u;
+const FRONT_COLUMN_BITS: u32 = 12u;
 const FACTORED: u32 = 3u;
 const EQUALITY: u32 = 0u;
 const COST: u32 = 1u;
@@ -138,6 +137,8 @@ struct Batch {
     runs: u32,
     front_steps: u32,
     rests: u32,
+    front_rows: u32,
+    front_columns: u32,
     gather_of: u32,
     gathers: u32,
     touches: u32,
@@ -146,6 +147,8 @@ struct Batch {
     first_runs: u32,
     first_front_steps: u32,
     first_rests: u32,
+    first_front_rows: u32,
+    first_front_columns: u32,
     first_base_blocks: u32,
     first_factored_instants: u32,
     first_factored_elements: u32,
@@ -190,6 +193,7 @@ struct Batch {
     history: u32,
     carry: u32,
     front: u32,
+    tiles: u32,
     flags: u32,
     max_iterations: u32,
     stall_start: u32,
@@ -300,6 +304,8 @@ struct Slot {
     runs: u32,
     front_steps: u32,
     rests: u32,
+    front_rows: u32,
+    front_columns: u32,
     gather_of: u32,
     gathers: u32,
     touches: u32,
@@ -605,14 +611,20 @@ struct FrontStep {
     variable: u32,
     factor: u32,
     stride: u32,
-    elements: Span,
-    factored: Span,
+    rows: Span,
     rest: Span,
 }
 
 struct Rest {
     variable: u32,
     next: u32,
+}
+
+struct FrontRow {
+    row: u32,
+    jacobian: u32,
+    columns: Span,
+    instant: u32,
 }
 
 struct Gather {
@@ -644,13 +656,23 @@ fn runs_at(slot: u32, i: u32) -> Run {
 }
 
 fn front_steps_at(slot: u32, i: u32) -> FrontStep {
-    let at = batch.first_front_steps + (slot * batch.front_steps + i) * 11u;
-    return FrontStep(tables[at + 0u], tables[at + 1u], tables[at + 2u], tables[at + 3u], tables[at + 4u], Span(tables[at + 5u], tables[at + 6u]), Span(tables[at + 7u], tables[at + 8u]), Span(tables[at + 9u], tables[at + 10u]));
+    let at = batch.first_front_steps + (slot * batch.front_steps + i) * 9u;
+    return FrontStep(tables[at + 0u], tables[at + 1u], tables[at + 2u], tables[at + 3u], tables[at + 4u], Span(tables[at + 5u], tables[at + 6u]), Span(tables[at + 7u], tables[at + 8u]));
 }
 
 fn rests_at(slot: u32, i: u32) -> Rest {
     let at = batch.first_rests + (slot * batch.rests + i) * 2u;
     return Rest(tables[at + 0u], tables[at + 1u]);
+}
+
+fn front_rows_at(slot: u32, i: u32) -> FrontRow {
+    let at = batch.first_front_rows + (slot * batch.front_rows + i) * 5u;
+    return FrontRow(tables[at + 0u], tables[at + 1u], Span(tables[at + 2u], tables[at + 3u]), tables[at + 4u]);
+}
+
+fn front_columns_at(slot: u32, i: u32) -> u32 {
+    let at = batch.first_front_columns + (slot * batch.front_columns + i) * 1u;
+    return tables[at + 0u];
 }
 
 fn base_blocks_at(slot: u32, i: u32) -> BaseBlocks {

@@ -462,8 +462,8 @@ pub struct Variant {
 impl Variant {
     /// Variant for fronts of a size, within a limit of workgroup memory, bytes.
     ///
-    /// The workgroup memory is the portable 16 KiB if that is enough, otherwise the required multiple of 8 KiB. If this exceeds the limit,
-    /// the front is in storage.
+    /// The workgroup memory holds the front and as many rows as the limit allows: the portable 16 KiB, or the required multiple of 8 KiB. If
+    /// the front does not fit with the fewest rows, it is in storage.
     pub fn new(front: usize, workgroup: u32, limit: u32) -> Variant {
         let side = (front as u32 + 1).next_multiple_of(16);
         let values = front_values(front) as u32;
