@@ -555,7 +555,7 @@ pub fn front_values(size: usize) -> usize {
     tiles * (tiles + 1) / 2 * TILE * TILE
 }
 
-/// Bits of an index in [`front_column`].
+/// Bits of an index in [`front_column`]. A front with more variables does not fit into any workgroup memory.
 pub const FRONT_COLUMN_BITS: u32 = 12;
 
 /// Column of a row in a front, packed in a word.

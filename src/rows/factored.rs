@@ -159,11 +159,6 @@ impl<T: Real, const R: usize> FactoredRows<T, R> {
         &self.base_blocks[instant.blocks as usize]
     }
 
-    /// Number of elements of each instant of a step of the sweep.
-    pub fn counts(&self, step: usize) -> impl Iterator<Item = u32> {
-        self.instants[self.steps[step].range()].iter().map(|instant| instant.elements.end - instant.elements.start)
-    }
-
     /// Dependencies of each element's rows: columns as runs of variables, with the weight by which the Jacobian values apply to these
     /// variables.
     pub fn columns(&self) -> impl Iterator<Item = Vec<(Run, T)>> {
