@@ -2,7 +2,7 @@
 //! uses a different algorithm, so that shader's operations are computed from the loops of `front.wgsl`.
 
 use crate::counted::{Counted, Operations, counted};
-use cregopt::backend::gpu::shaders::{Shader, WORKGROUP};
+use cregopt::backend::gpu::shaders::{PANEL_ROWS, Shader, WORKGROUP};
 use cregopt::backend::tables::{ShaderTables, TILE};
 use cregopt::gait::AlignedSchedule;
 use cregopt::linear::NormalEquations;
@@ -27,9 +27,6 @@ use cregopt::solver::weights::{barrier_rows, variable_terms};
 use cregopt::task::Task;
 
 type Values = Vec<Counted>;
-
-/// Rows that `front.wgsl` adds together if workgroup memory suffices.
-const WIDEST_PANEL: usize = 16;
 
 /// Operations of the shaders in the first round of a solve, a barrier step, in the order of [`Shader::ALL`]. Substitution and product,
 /// which a round dispatches twice, are counted once.
@@ -132,7 +129,7 @@ fn front(own: &ShaderTables) -> Operations {
         let (size, pivots) = (u64::from(step.size), u64::from(step.pivots));
         let tiles = size / tile + 1;
         let rows = &own.front_rows[step.rows.range()];
-        for together in rows.chunks(WIDEST_PANEL) {
+        for together in rows.chunks(PANEL_ROWS[0] as usize) {
             of.simple += together.iter().map(|row| 2 * u64::from(row.columns.end - row.columns.start) + 1).sum::<u64>();
             of.special += 2 * together.len() as u64;
             of.simple += products(tiles, together.len() as u64);

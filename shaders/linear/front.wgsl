@@ -256,6 +256,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         for (var i = lane; i < at.pivots; i += WORKGROUP) {
             add_front(slot, tiles, i, i, values[base + batch.diagonal + at.variable + i]);
         }
+        // The right-hand side may be in the same tile as the diagonal.
         front_barrier();
         for (var i = lane; i < at.pivots; i += WORKGROUP) {
             add_front(slot, tiles, i, at.size, -values[base + batch.gradient + at.variable + i]);

@@ -442,7 +442,7 @@ pub fn prelude() -> String {
 
 /// Numbers of rows that `linear/front` may add to a front together, the best first: many save passes over the front, few leave workgroup
 /// memory to it. As many as an elimination step has pivots are needed.
-const PANEL_ROWS: [u32; 3] = [16, 8, LEAST_PANEL_ROWS];
+pub const PANEL_ROWS: [u32; 3] = [16, 8, LEAST_PANEL_ROWS];
 /// Smallest of these numbers.
 pub(super) const LEAST_PANEL_ROWS: u32 = TILE as u32;
 
