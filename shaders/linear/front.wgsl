@@ -19,15 +19,18 @@
 const TEAM: u32 = max(WORKGROUP / PANEL_ROWS, 1u);
 const TEAMS: u32 = WORKGROUP / TEAM;
 
-// Rows by column.
-var<workgroup> panel: array<vec4<f32>, PANEL_ROWS * SIDE / 4u>;
+// Rows by column. Scalars, because invocations write neighbouring columns at the same time, and a backend may write a whole vector where
+// one component changes.
+var<workgroup> panel: array<f32, PANEL_ROWS * SIDE>;
 // By four columns: 1 if a row of the panel touches them.
 var<workgroup> touched: array<atomic<u32>, SIDE / 4u>;
 // By index in the front: index in what remains of the front before. NONE if the variable is new.
 var<workgroup> before: array<u32, SIDE>;
 
-fn put_panel(row: u32, column: u32, v: f32) {
-    panel[row * (SIDE / 4u) + column / 4u][column % 4u] = v;
+// Four columns of a row, from `4 * group` on.
+fn panel_columns(row: u32, group: u32) -> vec4<f32> {
+    let at = row * SIDE + 4u * group;
+    return vec4<f32>(panel[at], panel[at + 1u], panel[at + 2u], panel[at + 3u]);
 }
 
 // Number of tiles on the diagonal of a front with its right-hand side.
@@ -43,8 +46,8 @@ fn add_front(slot: u32, tiles: u32, i: u32, j: u32, v: f32) {
 
 // Sets the panel to zero.
 fn clear_panel(lane: u32) {
-    for (var i = lane; i < PANEL_ROWS * SIDE / 4u; i += WORKGROUP) {
-        panel[i] = vec4<f32>();
+    for (var i = lane; i < PANEL_ROWS * SIDE; i += WORKGROUP) {
+        panel[i] = 0.0;
     }
     for (var i = lane; i < SIDE / 4u; i += WORKGROUP) {
         atomicStore(&touched[i], 0u);
@@ -69,11 +72,11 @@ fn spread(slot: u32, half: u32, rows: Span, size: u32, lane: u32) {
             if (block > 0u) {
                 v *= factored_instants_weights(slot, row.instant, block - 1u);
             }
-            put_panel(n - rows.start, variable, v);
+            panel[(n - rows.start) * SIDE + variable] = v;
             atomicStore(&touched[variable / 4u], 1u);
         }
         if (lane % TEAM == 0u && weight > 0.0) {
-            put_panel(n - rows.start, size, -values[base + batch.value + row.row] / root);
+            panel[(n - rows.start) * SIDE + size] = -values[base + batch.value + row.row] / root;
             atomicStore(&touched[size / 4u], 1u);
         }
     }
@@ -83,8 +86,8 @@ fn spread(slot: u32, half: u32, rows: Span, size: u32, lane: u32) {
 fn add_products(slot: u32, tile: u32, at: vec2<u32>, rows: u32, sign: f32) {
     var sums = mat4x4<f32>();
     for (var row = 0u; row < rows; row++) {
-        let left = panel[row * (SIDE / 4u) + at.x];
-        let right = panel[row * (SIDE / 4u) + at.y];
+        let left = panel_columns(row, at.x);
+        let right = panel_columns(row, at.y);
         sums[0] += left.x * right;
         sums[1] += left.y * right;
         sums[2] += left.z * right;
@@ -222,7 +225,7 @@ fn eliminate(slot: u32, at: FrontStep, p: u32, lane: u32) -> bool {
         let y = vec4<f32>(y0, y1, y2, y3);
         let row = slot * batch.factor + at.factor + p * at.stride + j;
         for (var k = 0u; k < 4u; k++) {
-            put_panel(k, j, y[k]);
+            panel[k * SIDE + j] = y[k];
             if (k < count) {
                 factor[row + k * at.stride] = y[k];
             }

@@ -483,7 +483,7 @@ crate::table! {
         pub row: u32,
         /// Offset of its values in the Jacobian values.
         pub jacobian: u32,
-        /// Columns that are not zero, in the table of [`front_column`].
+        /// Columns that are not zero, in the table of `front_column`.
         pub columns: Span,
         /// Instant with the interpolation weights of a factored row.
         pub instant: u32,
@@ -555,7 +555,7 @@ pub fn front_values(size: usize) -> usize {
     tiles * (tiles + 1) / 2 * TILE * TILE
 }
 
-/// Bits of an index in [`front_column`]. A front with more variables does not fit into any workgroup memory.
+/// Bits of an index in `front_column`. A front with more variables does not fit into any workgroup memory.
 pub const FRONT_COLUMN_BITS: u32 = 12;
 
 /// Column of a row in a front, packed in a word.
@@ -576,7 +576,7 @@ pub struct ShaderTables {
     pub rests: Vec<Rest>,
     /// Rows that the factorisation adds to its fronts, by step.
     pub front_rows: Vec<FrontRow>,
-    /// Their columns, see [`front_column`]. Rows with the same columns share them.
+    /// Their columns, see `front_column`. Rows with the same columns share them.
     pub front_columns: Vec<u32>,
     /// Block of each variable, an index into `gathers`, `[variables]`.
     pub gather_of: Vec<u32>,
