@@ -51,7 +51,7 @@ fn run(scenario: &Scenario, rows: Transcription, whole_generation: bool, seeds: 
             task.force_limit = Some(FORCE_LIMIT);
         }
         for seed in 1..=seeds {
-            let level = BatchSolver { task: &task, settings: &lower, backend, cost: None };
+            let level = BatchSolver { task: &task, settings: &lower, backend, cost: None, incumbent: None };
             let distribution = FreeDistribution::initial(&settings, task.robot.feet())?;
             let found = search_with(&level, distribution, &settings, seed, &AtomicBool::new(false), &mut |_| ())?;
             runs.push(Run {

@@ -210,6 +210,7 @@ struct Batch {
     rounding: f32,
     rounding_floor: f32,
     minimise_tolerance: f32,
+    cost_limit: f32,
 }
 
 struct Part {

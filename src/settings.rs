@@ -21,7 +21,7 @@
 //! | `search.population` | 16 | candidates per generation; more is slower and finds cheaper gaits |
 //! | `search.generations` | 3 | generations over gait families; more is slower and finds cheaper gaits |
 //! | `search.optimise_iterations` | 6 | iterations that minimise the cost of each candidate; 0 is fast, and gaits cost a tenth more |
-//! | `search.duration_steps` | 21 | steps that optimise the durations of the best gaits; 0 is fast, and gaits cost a twentieth more |
+//! | `search.duration_steps` | 30 | steps that optimise the durations of the best gaits; 0 is fast, and gaits cost a twentieth more |
 //! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of joint motion beyond the joint limits |
 //! | `search.free.*` | the paper's | settings of the free distribution; `list` shows the presets |
 //!
@@ -277,6 +277,9 @@ pub struct OptimiseSettings {
     /// Predicted relative fall of the cost at which the minimisation ends. Too small: iterations that gain nothing. Too large: the cost is
     /// above its minimum.
     pub tolerance: f64,
+    /// Cost above which the minimisation of a candidate ends after any iteration; `None`: no limit. A search for the least cost of transport
+    /// has its own. Too small: candidates are given up that would have become cheap.
+    pub cost_limit: Option<f64>,
     /// Weights of the terms of the cost; a search sets its own (`search.cost`). Joints beyond their limits have a quadratic price in it.
     pub cost: CostWeights,
 }
@@ -284,7 +287,16 @@ pub struct OptimiseSettings {
 impl Default for OptimiseSettings {
     fn default() -> Self {
         let cost = CostWeights::default();
-        OptimiseSettings { iterations: 0, weight: 0.02, barrier: 1e-4, rounding: 1e-2, rounding_floor: 3e-4, tolerance: 1e-4, cost }
+        OptimiseSettings {
+            iterations: 0,
+            weight: 0.02,
+            barrier: 1e-4,
+            rounding: 1e-2,
+            rounding_floor: 3e-4,
+            tolerance: 1e-4,
+            cost_limit: None,
+            cost,
+        }
     }
 }
 
@@ -295,8 +307,8 @@ impl OptimiseSettings {
     }
 }
 
-/// Limit that disables early termination. Finite, because WGSL has no portable infinity.
-pub const NO_EARLY_TERMINATION: f64 = f32::MAX as f64;
+/// Limit that is never reached. Finite, because WGSL has no portable infinity.
+pub const NO_LIMIT: f64 = f32::MAX as f64;
 
 /// Early-termination limit after the first iterations, per row; see [`crate::solver::control::Progress::early_termination_limit`].
 fn early_termination_per_row(transcription: Transcription) -> f64 {
@@ -397,7 +409,7 @@ impl SolverSettings {
     /// * `rows` - number of rows of the candidate
     pub fn early_termination_limit(&self, transcription: Transcription, rows: usize) -> f64 {
         if !self.stall.enabled || self.stall.early_termination == 0. {
-            return NO_EARLY_TERMINATION;
+            return NO_LIMIT;
         }
         self.stall.early_termination * early_termination_per_row(transcription) * rows as f64
     }
@@ -432,6 +444,7 @@ impl SolverSettings {
         check_range("solver.optimise.rounding", self.optimise.rounding, 1e-9, 1e3)?;
         check_range("solver.optimise.rounding_floor", self.optimise.rounding_floor, 1e-9, self.optimise.rounding)?;
         check_range("solver.optimise.tolerance", self.optimise.tolerance, 0., 1.)?;
+        self.optimise.cost_limit.map_or(Ok(()), |limit| check_range("solver.optimise.cost_limit", limit, 0., 1e12))?;
         self.optimise.cost.validate()?;
         check_range("solver.stall.start", self.stall.start as f64, 1., 1e6)?;
         check_range("solver.stall.window", self.stall.window as f64, 1., 1e3)?;

@@ -127,7 +127,8 @@ fn revert(before: Progress) -> Progress {
     return progress;
 }
 
-// Updates the minimisation after an accepted step: ends it near the optimum, or else rounds absolute values less as the barrier falls.
+// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values less
+// as the barrier falls.
 //   predicted  decrease of merit and cost by the linear model
 //   cost       weighted cost at the new point
 fn minimised(before: Progress, predicted: f32, cost: f32) -> Progress {
@@ -135,7 +136,7 @@ fn minimised(before: Progress, predicted: f32, cost: f32) -> Progress {
     let sharp = progress.rounding <= batch.rounding_floor;
     // Only a long step says how far the optimum is.
     let trusted = batch.cost_weight > 0.0 && sharp && progress.length > TRUSTED_LENGTH;
-    if (trusted && predicted < batch.minimise_tolerance * cost) {
+    if (cost > batch.cost_limit || (trusted && predicted < batch.minimise_tolerance * cost)) {
         progress.phase = RESTORE_NEXT;
     }
     let part = min(sqrt(progress.mu / batch.minimise_barrier), 1.0);

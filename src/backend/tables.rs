@@ -282,6 +282,8 @@ macro_rules! gpu_tables {
                 pub rounding_floor: f32,
                 /// Predicted relative fall of the cost at which the minimisation ends.
                 pub minimise_tolerance: f32,
+                /// Weighted cost above which the minimisation ends.
+                pub cost_limit: f32,
             }
 
             /// Candidate of a slot: numbers of entries in its tables, and its constants.
@@ -403,6 +405,7 @@ macro_rules! gpu_tables {
                     rounding: minimise.rounding,
                     rounding_floor: minimise.rounding_floor,
                     minimise_tolerance: minimise.tolerance,
+                    cost_limit: minimise.cost_limit,
                 }
             }
 

@@ -142,7 +142,7 @@ pub fn run(case: &Case, devices: &Devices, cancelled: &AtomicBool) -> Result<Opt
             let mut settings = LowerSettings { transcription, ..LowerSettings::default() };
             settings.solver.stall.enabled = case.method.stall_rule();
             settings.validate()?;
-            let level = BatchSolver { task: &task, settings: &settings, backend: devices.backend, cost: None };
+            let level = BatchSolver { task: &task, settings: &settings, backend: devices.backend, cost: None, incumbent: None };
             let trajectory = |c: &Candidate<crate::search::evaluate::Evaluated>| c.solution.trajectory(&task, &settings.transcription);
             searched(&level, case, &task, cancelled, trajectory, (devices.backend.device(), devices.backend.threads()))?
         }

@@ -27,64 +27,51 @@ fn walk() -> (Task, Evaluated) {
     (task, gait)
 }
 
-/// Effort of the descents in the tests.
-const EFFORT: Effort = Effort { steps: 0, first: FIRST_ITERATIONS, iterations: ITERATIONS, rounded: false };
+/// Effort of the minimisations in the tests.
+const EFFORT: Effort = Effort { first: FIRST_ITERATIONS, iterations: ITERATIONS, rounded: false };
 
-/// Calls `then` with a descent from the walk and its initial point.
-fn with_walk(then: impl Fn(&mut Descent, Point)) {
+/// Calls `then` with a minimiser for the walk and its initial point.
+fn with_walk(then: impl Fn(&mut Minimiser, Point)) {
     let (task, gait) = walk();
     let (transcription, weights, settings) = (transcription(), CostWeights::default(), settings(TOLERANCE));
     let space = Space::new(&task, &gait.schedule, &transcription, &RefineSettings::default()).with_cost(&weights);
-    let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
-    let solver = Solver::default();
-    let mut descent = Descent {
-        task: &task,
-        space: &space,
-        weights: &weights,
-        settings: &settings,
-        effort: &EFFORT,
-        cancel: &|| false,
-        solver,
-        outcome,
-        minimisations: 0,
-    };
     let point = space.start(&gait.schedule, &gait.x);
-    then(&mut descent, point);
+    then(&mut Minimiser::new(space, &weights, &settings, EFFORT), point);
 }
 
-/// Motion of least cost with the durations of a point, after more iterations than the descent has.
-fn least(descent: &mut Descent, point: Point, multipliers: Option<&Values>) -> Optimum {
-    let near = descent.optimum(point, multipliers).unwrap();
-    let found = descent.solver.multipliers();
+/// Motion of least cost with the durations of a point, after more iterations than a descent has.
+fn least(minimiser: &mut Minimiser, point: Point, multipliers: Option<&Values>) -> Optimum {
+    let near = minimiser.optimum(point, multipliers, &|| false).unwrap();
+    let found = minimiser.solver.multipliers();
     let from = Resume { x: &near.point.x, multipliers: &found, barrier: BARRIER, iterations: 60 };
-    let finish = Finish::Rows(descent.settings.row_tolerance);
-    let outcome = descent.solver.resume(&near.point.problem, descent.settings, finish, &from, &|| false);
+    let finish = Finish::Rows(minimiser.settings.row_tolerance);
+    let outcome = minimiser.solver.resume(&near.point.problem, &minimiser.settings, finish, &from, &|| false);
     assert_eq!(outcome.status, Status::Solved);
-    let found = descent.solver.multipliers();
-    let multipliers = known(descent.space, &near.point.problem).iter().flat_map(|row| row.values(&found.c, &found.g)).collect();
-    let point = descent.space.moved(near.point, descent.solver.solution());
-    let motion = trajectory(descent.task, &point.problem.curves, &point.x);
-    let robot = &descent.task.robot;
-    let cost = cost(&motion, robot, robot.leg_mass(), descent.weights).unwrap().total;
+    let found = minimiser.solver.multipliers();
+    let multipliers = known(&minimiser.space, &near.point.problem).iter().flat_map(|row| row.values(&found.c, &found.g)).collect();
+    let point = minimiser.space.moved(near.point, minimiser.solver.solution());
+    let motion = trajectory(minimiser.space.task, &point.problem.curves, &point.x);
+    let robot = &minimiser.space.task.robot;
+    let cost = cost(&motion, robot, robot.leg_mass(), minimiser.weights).unwrap().total;
     Optimum { point, multipliers, cost }
 }
 
 #[test]
 fn derivatives_along_the_durations_agree_with_costs_minimised_again() {
-    with_walk(|descent, point| {
-        let here = least(descent, point, None);
-        let moves = descent.space.moves(&here.point);
-        let slope = descent.slope(&here, &moves).unwrap();
+    with_walk(|minimiser, point| {
+        let here = least(minimiser, point, None);
+        let moves = minimiser.space.moves(&here.point);
+        let slope = minimiser.slope(&here, &moves).unwrap();
         let single = moves.iter().zip(&slope).filter(|(m, _)| m.by.len() == 1);
         for (m, slope) in single {
             let (at, step) = (m.by[0].0, 0.04 * m.length);
             let mut side = |sign: f64| {
                 let mut v = here.point.v.clone();
                 v[at] += sign * step;
-                descent.space.keep_impulses(&here.point.v, &mut v);
+                minimiser.space.keep_impulses(&here.point.v, &mut v);
                 // The cost of the rows: near powers that are zero that of the motion differs, because it has no rounding.
-                let found = least(descent, descent.space.point(v).unwrap(), Some(&here.multipliers));
-                cost_of_rows(&found.point, descent.settings.optimise.rounding_floor)
+                let found = least(minimiser, minimiser.space.point(v).unwrap(), Some(&here.multipliers));
+                cost_of_rows(&found.point, minimiser.settings.optimise.rounding_floor)
             };
             let [up, down] = [side(1.), side(-1.)];
             let expected = (up - down) / (2. * step);
@@ -103,8 +90,8 @@ fn cost_of_rows(point: &Point, rounding: f64) -> f64 {
 
 #[test]
 fn cost_rows_add_up_to_the_cost_of_the_walk() {
-    with_walk(|descent, point| {
-        let at = least(descent, point, None);
+    with_walk(|minimiser, point| {
+        let at = least(minimiser, point, None);
         let got = cost_of_rows(&at.point, 1e-9);
         assert!((got - at.cost).abs() < 1e-3 * at.cost, "{got} by rows, {} by the motion", at.cost);
     });
@@ -112,8 +99,8 @@ fn cost_rows_add_up_to_the_cost_of_the_walk() {
 
 #[test]
 fn the_cost_is_continuous_where_a_boundary_passes_a_knot() {
-    with_walk(|descent, point| {
-        let space = descent.space;
+    with_walk(|minimiser, point| {
+        let space = &minimiser.space;
         for at in space.variables.feet.iter().flat_map(|foot| &foot.boundaries).flatten() {
             let cost = |to: f64| {
                 let mut v = point.v.clone();
@@ -132,14 +119,14 @@ fn the_cost_is_continuous_where_a_boundary_passes_a_knot() {
 
 #[test]
 fn parts_of_the_cost_have_all_derivatives_of_its_sum() {
-    with_walk(|descent, point| {
-        let space = descent.space;
+    with_walk(|minimiser, point| {
+        let space = &minimiser.space;
         let objective = Objective { weight: 1., rounding: 0.01 };
         let parts = |problem: &Problem<f64>, x: &[f64]| cost_parts(problem, &Residuals::new(problem, x, false).c, &objective);
         let (windows, here): (Vec<_>, Vec<f64>) = parts(&point.problem, &point.x).into_iter().unzip();
         let values = |problem: &Problem<f64>, x: &[f64]| parts(problem, x).into_iter().map(|(_, cost)| cost).collect();
         let mut slope = vec![0.; space.variables.count];
-        by_group(space, &point, &windows, &here, &values, &mut |_, variable, by| slope[variable] += by).unwrap();
+        by_group(space, &point, &windows, &here, &values, Sides::Ahead, &mut |_, variable, by| slope[variable] += by).unwrap();
         let whole = |point: &Point| objective.cost(&point.problem, &Residuals::new(&point.problem, &point.x, false).c);
         assert!((here.iter().sum::<f64>() - whole(&point)).abs() < 1e-12 * whole(&point));
         for m in space.moves(&point).iter().filter(|m| m.by.len() == 1) {
@@ -158,8 +145,8 @@ fn parts_of_the_cost_have_all_derivatives_of_its_sum() {
 
 #[test]
 fn moves_keep_the_impulses_of_the_stances() {
-    with_walk(|descent, point| {
-        let space = descent.space;
+    with_walk(|minimiser, point| {
+        let space = &minimiser.space;
         let mut v = point.v.clone();
         for (i, m) in space.moves(&point).iter().enumerate() {
             m.by.iter().for_each(|(at, by)| v[*at] += 0.05 * m.length * by * (i as f64).sin());
@@ -196,8 +183,11 @@ fn descended(steps: usize, iterations: usize) -> (Timed, f64) {
     let weights = CostWeights::default();
     let mut settings = settings(OptimiseSettings::default().tolerance);
     settings.optimise.iterations = iterations;
-    let timed = optimise_durations(&task, (&gait.schedule, &gait.x), &transcription(), &weights, &settings, steps, &|| false).unwrap();
-    let problem = Problem::<f64>::new(&task, &timed.schedule, &transcription());
+    let transcription = transcription();
+    let mut descent = Descent::new(&task, (&gait.schedule, &gait.x), &transcription, &weights, &settings, &|| false).unwrap();
+    descent.advance(steps, &|| false);
+    let timed = descent.timed();
+    let problem = Problem::<f64>::new(&task, &timed.schedule, &transcription);
     assert_eq!(timed.x.len(), problem.initial.len());
     let motion = trajectory(&task, &problem.curves, &timed.x);
     assert!(verify_rows(&motion, &task.robot, &task.terrain, problem.force_limit()).unwrap().feasible);
@@ -230,6 +220,5 @@ fn a_descent_minimises_the_cost_even_if_solves_do_not() {
 fn a_cancelled_descent_has_no_result() {
     let (task, gait) = walk();
     let (weights, settings) = (CostWeights::default(), settings(TOLERANCE));
-    let timed = optimise_durations(&task, (&gait.schedule, &gait.x), &transcription(), &weights, &settings, 1, &|| true);
-    assert!(timed.is_none());
+    assert!(Descent::new(&task, (&gait.schedule, &gait.x), &transcription(), &weights, &settings, &|| true).is_none());
 }

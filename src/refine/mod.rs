@@ -42,7 +42,7 @@ use crate::verify::verify_rows;
 use convex::Multipliers;
 use convex_cost::Price;
 use curvature::History;
-use durations::{Effort, descend};
+use durations::{Descent as DurationDescent, Effort};
 use serde::{Deserialize, Serialize};
 use variables::{Point, Space};
 
@@ -230,7 +230,9 @@ const DESCENT_ROUNDINGS: [f64; 3] = [3e-2, 3e-3, 3e-5];
 /// Predicted relative fall of the cost at which a minimisation of the descent ends.
 const DESCENT_TOLERANCE: f64 = 1e-6;
 /// Effort of the descent.
-const DESCENT: Effort = Effort { steps: 100, first: 30, iterations: 8, rounded: false };
+const DESCENT: Effort = Effort { first: 30, iterations: 8, rounded: false };
+/// Largest number of changes of the durations in the descent with one rounding.
+const DESCENT_STEPS: usize = 100;
 /// Predicted relative decrease of a rounded cost below which a step is negligible.
 const ROUNDED_GAIN: f64 = 1e-3;
 /// Number of consecutive negligible steps after which a refinement ends.
@@ -299,7 +301,11 @@ pub fn refine(
     let history = History::default();
     // After the descent, which rounds the cost by itself, the exact cost is left.
     let first = if descended.is_some() { ROUNDINGS.len() - 1 } else { 0 };
-    let now = descended.filter(|point| price.value(point, 0.) < price.value(&now, 0.)).unwrap_or(now);
+    let start = match descended {
+        Some(point) if pricing.cost(&point)?.total < pricing.cost(&now)?.total => point,
+        _ => now,
+    };
+    let now = start.clone();
     let mut descent =
         Descent { task, space: &space, price: &price, settings, cancel, solver, history, now, iterations: 0, optimality: None };
     let mut status = RefineStatus::MaxIterations;
@@ -311,7 +317,9 @@ pub fn refine(
             break;
         }
     }
-    pricing.report(&given, descent.now, status, descent.optimality, descent.iterations)
+    // The convex problems do not count joints beyond their limits.
+    let last = if pricing.cost(&descent.now)?.total < pricing.cost(&start)?.total { descent.now } else { start };
+    pricing.report(&given, last, status, descent.optimality, descent.iterations)
 }
 
 /// State of the descent.
@@ -476,14 +484,16 @@ fn descended(
     settings: &RefineSettings,
     cancel: &dyn Fn() -> bool,
 ) -> Option<Point> {
-    let costly = Space::new(space.task, schedule, space.settings, settings).with_cost(weights);
+    let mut costly = Space::new(space.task, schedule, space.settings, settings).with_cost(weights);
     let mut point = costly.start(schedule, &closed.x);
     for rounding_floor in DESCENT_ROUNDINGS {
         let optimise = OptimiseSettings { tolerance: DESCENT_TOLERANCE, rounding_floor, ..OptimiseSettings::default() };
         let optimise = OptimiseSettings { rounding: rounding_floor.max(optimise.rounding), ..optimise };
         let solver = SolverSettings { optimise, ..SolverSettings::default() };
         let effort = Effort { rounded: rounding_floor > DESCENT_ROUNDINGS[2], ..DESCENT };
-        (point, ..) = descend(&costly, point, weights, &solver, &effort, cancel)?;
+        let mut descent = DurationDescent::within(costly, point, weights, &solver, effort, cancel)?;
+        descent.advance(DESCENT_STEPS, cancel);
+        (costly, point) = descent.into_parts();
     }
     let point = close(space, solver, space.point(point.v).ok()?, &closing_settings(), cancel)?;
     certified(space.task, &point).then_some(point)

@@ -31,6 +31,9 @@ use std::ops::Range;
 /// Step of the central differences, in intervals for a boundary and relative for the interval.
 const DIFFERENCE: f64 = 1e-5;
 
+/// Step of the forward differences, in the same units.
+const FORWARD_DIFFERENCE: f64 = 1e-6;
+
 /// Derivatives smaller than this are dropped.
 const NOTHING: f64 = 1e-12;
 
@@ -383,7 +386,16 @@ fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, r
     };
     let windows: Vec<Range<f64>> = known_here.iter().flat_map(|e| std::iter::repeat_n(e.window.clone(), e.rows)).collect();
     let here: Vec<f64> = here.iter().map(|(value, _)| *value).collect();
-    by_group(space, point, &windows, &here, &values, &mut |row, variable, value| rows[row].by.push((variable, value)))
+    by_group(space, point, &windows, &here, &values, Sides::Both, &mut |row, variable, value| rows[row].by.push((variable, value)))
+}
+
+/// Points whose difference is a derivative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Sides {
+    /// Central differences.
+    Both,
+    /// Forward differences, which need half as many problems.
+    Ahead,
 }
 
 /// Derivatives of values with respect to phase boundaries and the interval.
@@ -391,6 +403,7 @@ fn by_times(space: &Space, point: &Point, known_here: &[Known], here: &Values, r
 /// * `windows` - times at which phase boundaries can affect each value, in intervals
 /// * `here` - values at the point
 /// * `values` - values of a problem at `x`
+/// * `sides` - differences to take
 /// * `put` - takes each derivative: index of the value, variable, derivative
 pub(super) fn by_group(
     space: &Space,
@@ -398,6 +411,7 @@ pub(super) fn by_group(
     windows: &[Range<f64>],
     here: &[f64],
     values: &(impl Fn(&Problem<f64>, &[f64]) -> Vec<f64> + Sync),
+    sides: Sides,
     put: &mut dyn FnMut(usize, usize, f64),
 ) -> Result<()> {
     let everywhere = f64::NEG_INFINITY..f64::INFINITY;
@@ -405,19 +419,22 @@ pub(super) fn by_group(
     let groups: Vec<Colour> = colours(space, point).into_iter().chain(interval).collect();
     let moved = |group: &Colour, sign: f64| -> Result<(f64, Vec<f64>)> {
         let mut v = point.v.clone();
-        let step = if group.first().is_some_and(|(at, _)| Some(*at) == space.variables.interval) { v[group[0].0] } else { 1. };
-        group.iter().for_each(|(at, _)| v[*at] += sign * DIFFERENCE * step);
+        let unit = if group.first().is_some_and(|(at, _)| Some(*at) == space.variables.interval) { v[group[0].0] } else { 1. };
+        let step = unit * if sides == Sides::Both { DIFFERENCE } else { FORWARD_DIFFERENCE };
+        group.iter().for_each(|(at, _)| v[*at] += sign * step);
         let there = space.point(v)?;
-        Ok((DIFFERENCE * step, values(&there.problem, &there.x)))
+        Ok((step, values(&there.problem, &there.x)))
     };
+    let same = |there: &Vec<f64>| there.len() == here.len();
     let differences = groups.par_iter().map(|group| {
-        let ((step, up), (_, down)) = (moved(group, 1.)?, moved(group, -1.)?);
+        let (step, up) = moved(group, 1.)?;
+        let down = if sides == Sides::Both || !same(&up) { Some(moved(group, -1.)?.1) } else { None };
         // A one-sided difference is used if the number of values changes on the other side.
-        let (up, down, width) = match (up.len() == here.len(), down.len() == here.len()) {
-            (true, true) => (&up[..], &down[..], 2. * step),
-            (true, false) => (&up[..], here, step),
-            (false, true) => (here, &down[..], step),
-            (false, false) => (here, here, step),
+        let (up, down, width) = match (Some(&up).filter(|up| same(up)), down.as_ref().filter(|down| same(down))) {
+            (Some(up), Some(down)) => (&up[..], &down[..], 2. * step),
+            (Some(up), None) => (&up[..], here, step),
+            (None, Some(down)) => (here, &down[..], step),
+            (None, None) => (here, here, step),
         };
         Ok(up.iter().zip(down).map(|(up, down)| (up - down) / width).collect())
     });

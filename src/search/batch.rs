@@ -55,6 +55,26 @@ pub trait ScheduleSolver {
     }
 }
 
+/// Cost after an iteration of the minimisation, relative to that of the best gait so far, above which a candidate is given up. Of 627
+/// candidates of seven tasks none lost more than 20.2 % of its cost after the first iteration.
+const COST_LIMIT: f64 = 1.25;
+
+/// Cost of the best gait so far. It changes between generations only, so that results do not depend on the order of solves.
+#[derive(Debug, Default)]
+pub struct Incumbent(Mutex<Option<f64>>);
+
+impl Incumbent {
+    /// Sets the cost.
+    pub fn set(&self, cost: f64) {
+        *locked(&self.0) = Some(cost);
+    }
+
+    /// Cost above which a candidate is given up, if there is a gait.
+    fn limit(&self) -> Option<f64> {
+        locked(&self.0).map(|cost| COST_LIMIT * cost)
+    }
+}
+
 /// Solver of this crate, with the certificate and, on request, the cost of each motion.
 #[derive(Clone, Copy)]
 pub struct BatchSolver<'a> {
@@ -66,6 +86,8 @@ pub struct BatchSolver<'a> {
     pub backend: &'a dyn Backend,
     /// Weights of the cost of transport; `None`: no cost is computed.
     pub cost: Option<&'a CostWeights>,
+    /// Best gait so far; candidates that cost much more are not minimised to the end. `None`: all are.
+    pub incumbent: Option<&'a Incumbent>,
 }
 
 impl ScheduleSolver for BatchSolver<'_> {
@@ -83,7 +105,12 @@ impl ScheduleSolver for BatchSolver<'_> {
         finish: &(dyn Fn(usize, Evaluation, Evaluated) + Sync),
     ) -> Result<()> {
         let candidates: Vec<(&Task, &Schedule)> = schedules.iter().map(|s| (self.task, s)).collect();
-        batch(&candidates, self.settings, self.cost, self.backend, certify, skip, &|index, result| {
+        let limited = self.incumbent.and_then(Incumbent::limit).map(|limit| {
+            let mut settings = self.settings.clone();
+            settings.solver.optimise.cost_limit = Some(limit);
+            settings
+        });
+        batch(&candidates, limited.as_ref().unwrap_or(self.settings), self.cost, self.backend, certify, skip, &|index, result| {
             finish(index, result.evaluation, result);
         })
     }

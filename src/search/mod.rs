@@ -26,7 +26,7 @@ mod settings;
 mod stages;
 mod timed;
 
-pub use batch::{BatchSolver, ScheduleSolver};
+pub use batch::{BatchSolver, Incumbent, ScheduleSolver};
 pub use evaluate::{Cancelled, Certify};
 pub use settings::{Gaits, SearchSettings};
 pub use timed::{CemSearchResult, search_with};
@@ -40,7 +40,7 @@ use crate::nlp::transcription::force_limit;
 use crate::refine::{RefineSettings, Refined, refine};
 use crate::task::Task;
 use crate::verify::{Report, verify};
-use cem::{Candidate, GenerationRecord, StopReason};
+use cem::{Candidate, GenerationRecord, Objective, StopReason};
 use evaluate::{Evaluated, EvaluationContext, LowerSettings};
 use population::MAX_SOLUTIONS;
 use stages::SearchState;
@@ -259,7 +259,10 @@ impl<'a> Search<'a> {
         lower.validate()?;
         task.validate()?;
         settings.minimise(&task.robot, &mut lower);
-        let solver = BatchSolver { task, settings: &lower, backend, cost: Some(&settings.cost) };
+        let incumbent = Incumbent::default();
+        // The cost of the solver's rows is that of the search.
+        let limits = settings.objective == Objective::Transport;
+        let solver = BatchSolver { task, settings: &lower, backend, cost: Some(&settings.cost), incumbent: limits.then_some(&incumbent) };
         let clock = Clock::new(cancelled, settings.seconds.map(Duration::from_secs_f64));
         let mut on_event = |event: &SearchEvent| {
             if let Some(on_event) = on_event.as_mut() {

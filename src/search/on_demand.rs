@@ -49,7 +49,7 @@ pub(super) fn best_certified(
     solver: &BatchSolver,
 ) -> Vec<RankedCandidate<Evaluated>> {
     let mut groups = by_family(open, best);
-    let BatchSolver { task, settings: lower, backend, cost } = *solver;
+    let BatchSolver { task, settings: lower, backend, cost, .. } = *solver;
     // Candidates that were solved again, by index.
     let mut solved_again: BTreeMap<usize, Evaluated> = BTreeMap::new();
     loop {

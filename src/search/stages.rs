@@ -15,7 +15,7 @@ use crate::gait::Schedule;
 use crate::gait::family::{GaitFamily, default_families};
 use crate::gait::joints;
 use crate::nlp::Curves;
-use crate::refine::durations::optimise_durations;
+use crate::refine::durations::{Descent, Timed};
 use crate::settings::Transcription;
 use crate::solver::Outcome;
 use crate::task::Task;
@@ -102,20 +102,28 @@ impl<'a, 's> SearchState<'a, 's> {
     /// Optimises the durations of the best gaits of all families. Each round goes on with the better half.
     fn optimise_durations(&mut self) {
         let (solver, clock, settings) = (self.solver, self.clock, self.settings.cem(1));
+        let Some(weights) = solver.cost else { return };
         let cancelled = || clock.cancelled() || clock.expired();
-        let steps = self.settings.duration_steps.div_ceil(DURATION_ROUNDS);
+        let (pool, steps) = (solver.backend.pool(), self.settings.duration_steps.div_ceil(DURATION_ROUNDS));
+        let descent = |old: Candidate<Evaluated>| {
+            let (lower, gait) = (solver.settings, (&old.solution.schedule, &old.solution.x[..]));
+            let descent = Descent::new(solver.task, gait, &lower.transcription, weights, &lower.solver, &cancelled);
+            descent.map(|descent| (old, descent))
+        };
+        let gaits = self.best_of_families(self.settings.timed_gaits);
+        let mut descents: Vec<_> = pool.install(|| gaits.into_par_iter().filter_map(descent).collect());
         for round in 0..DURATION_ROUNDS {
-            let gaits = self.best_of_families((self.settings.timed_gaits >> round).max(1));
-            let timed = |old: &Candidate<Evaluated>| with_better_durations(solver, &settings, old, steps, &cancelled);
-            let timed: Vec<_> = solver.backend.pool().install(|| gaits.par_iter().filter_map(timed).collect());
-            for (candidate, solves) in timed {
-                self.duration_solves += solves;
-                if candidate.evaluation.feasible {
-                    self.keep(&candidate);
-                }
-            }
+            let count = (self.settings.timed_gaits >> round).max(1).min(descents.len());
+            let advanced = |(old, descent): &mut (Candidate<Evaluated>, Descent)| {
+                descent.advance(steps, &cancelled);
+                with_durations(solver, &settings, old, descent.timed())
+            };
+            let candidates: Vec<_> = pool.install(|| descents[..count].par_iter_mut().map(advanced).collect());
+            candidates.iter().filter(|candidate| candidate.evaluation.feasible).for_each(|candidate| self.keep(candidate));
+            descents.sort_by(|(_, a), (_, b)| a.cost().total_cmp(&b.cost()));
             self.report_improvement();
         }
+        self.duration_solves += descents.iter().map(|(_, descent)| descent.minimisations()).sum::<usize>();
     }
 
     /// The best certified candidates of different families, best first.
@@ -287,6 +295,10 @@ impl<'a, 's> SearchState<'a, 's> {
         (self.on_event)(&SearchEvent::Generation(&record));
         self.generations.push(record);
         self.report_improvement();
+        let cost = self.best.as_ref().and_then(|best| best.evaluation.cost);
+        if let (Some(incumbent), Some(cost)) = (self.solver.incumbent, cost) {
+            incumbent.set(cost.total);
+        }
     }
 
     /// Keeps a candidate if it is better than those before.
@@ -356,20 +368,12 @@ impl<'a, 's> SearchState<'a, 's> {
     }
 }
 
-/// Candidate with durations that lower its cost, and the number of minimisations; `None` if its motion cannot be minimised.
-fn with_better_durations(
-    solver: &BatchSolver,
-    settings: &CemSettings,
-    old: &Candidate<Evaluated>,
-    steps: usize,
-    cancelled: &dyn Fn() -> bool,
-) -> Option<(RankedCandidate<Evaluated>, usize)> {
+/// Candidate with other durations and the motion of least cost for them.
+fn with_durations(solver: &BatchSolver, settings: &CemSettings, old: &Candidate<Evaluated>, timed: Timed) -> RankedCandidate<Evaluated> {
     let BatchSolver { task, settings: lower, cost, .. } = *solver;
-    let Evaluated { outcome, schedule, x, .. } = &old.solution;
-    let timed = optimise_durations(task, (schedule, x), &lower.transcription, cost?, &lower.solver, steps, cancelled)?;
     let curves = Curves::new(task, &timed.schedule, &lower.transcription);
-    let outcome = Outcome { iterations: outcome.iterations + timed.outcome.iterations, ..timed.outcome };
+    let outcome = Outcome { iterations: old.solution.outcome.iterations + timed.outcome.iterations, ..timed.outcome };
     let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
     let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
-    Some((old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution))), timed.minimisations))
+    old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution)))
 }

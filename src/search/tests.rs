@@ -5,7 +5,8 @@ use super::cem::{
 };
 use super::*;
 use crate::backend::Cpu;
-use crate::gait::cost::Cost;
+use crate::gait::cost::{Cost, CostWeights};
+use crate::gait::family::PeriodicGait;
 use crate::{Goal, Robot, Terrain};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -79,7 +80,7 @@ fn on_a_gpu_the_result_does_not_depend_on_the_number_of_kept_solutions() {
 #[test]
 fn the_result_of_the_papers_loop_does_not_depend_on_the_number_of_kept_solutions() {
     let (task, lower, cpu) = (walk(), LowerSettings::default(), Cpu::new(2).unwrap());
-    let solver = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None };
+    let solver = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: None, incumbent: None };
     let loops = [(Objective::Feasibility, Stopping::FirstFeasible, false), (Objective::LeastForce, Stopping::Convergence, true)];
     for (objective, stopping, whole_generation) in loops {
         let settings = CemSettings { objective, stopping, whole_generation, generations: 3, ..CemSettings::default() };
@@ -95,6 +96,28 @@ fn the_result_of_the_papers_loop_does_not_depend_on_the_number_of_kept_solutions
             assert_eq!(keeping(0, improvements), keeping(MAX_SOLUTIONS, improvements));
         }
     }
+}
+
+#[test]
+fn a_candidate_that_costs_much_more_than_the_best_gait_is_not_minimised_to_the_end() {
+    let (task, cpu, weights) = (walk(), Cpu::new(1).unwrap(), CostWeights::default());
+    let mut lower = LowerSettings::default();
+    SearchSettings::default().minimise(&task.robot, &mut lower);
+    let schedule = PeriodicGait::typical(GaitFamily::Walk, &task).unwrap().schedule().unwrap();
+    let solved = |best: Option<f64>| {
+        let incumbent = Incumbent::default();
+        if let Some(cost) = best {
+            incumbent.set(cost);
+        }
+        let solver = BatchSolver { task: &task, settings: &lower, backend: &cpu, cost: Some(&weights), incumbent: Some(&incumbent) };
+        let (evaluation, solution) = solver.certify_again(&schedule).unwrap();
+        assert!(evaluation.certified && evaluation.feasible);
+        (evaluation.cost.unwrap().total, solution.outcome.iterations)
+    };
+    let (cost, iterations) = solved(None);
+    assert_eq!(solved(Some(cost)), (cost, iterations));
+    let (given_up, fewer) = solved(Some(cost / 3.));
+    assert!(given_up > cost && fewer < iterations, "{given_up} after {fewer} iterations, {cost} after {iterations}");
 }
 
 /// Solver that reports every schedule as solved, but certifies only schedules that last long enough. Shorter schedules need less

@@ -10,7 +10,7 @@
 use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::table::NONE;
-use crate::settings::{NO_EARLY_TERMINATION, OptimiseSettings, SmoothSettings, SolverSettings, Transcription};
+use crate::settings::{NO_LIMIT, OptimiseSettings, SmoothSettings, SolverSettings, Transcription};
 
 /// The next trial point is a barrier step.
 pub const STEP: u32 = 0;
@@ -189,6 +189,8 @@ pub struct Minimisation<T> {
     pub rounding_floor: T,
     /// Predicted relative fall of the cost at which the minimisation ends.
     pub tolerance: T,
+    /// Weighted cost above which the minimisation ends.
+    pub cost_limit: T,
 }
 
 impl<T: Real> Minimisation<T> {
@@ -203,7 +205,7 @@ impl<T: Real> Minimisation<T> {
             (false, _) => objective,
         };
         let SmoothSettings { weight: smoothing, .. } = *smooth;
-        let OptimiseSettings { weight, barrier, rounding, rounding_floor, tolerance, .. } = *optimise;
+        let OptimiseSettings { weight, barrier, rounding, rounding_floor, tolerance, cost_limit, .. } = *optimise;
         let smooth_barrier = settings.barrier(transcription).min(SMOOTH_BARRIER);
         Minimisation {
             iterations: smooth.iterations.max(optimise.iterations) as u32,
@@ -214,6 +216,7 @@ impl<T: Real> Minimisation<T> {
             rounding: T::of(rounding),
             rounding_floor: T::of(rounding_floor),
             tolerance: T::of(tolerance),
+            cost_limit: T::of(cost_limit.map_or(NO_LIMIT, |limit| weight * limit)),
         }
     }
 
@@ -280,7 +283,7 @@ impl<T: Real> Progress<T> {
             closing_below: limits.closing,
             closing_from: T::infinity(),
             edge_radius,
-            early_termination_limit: T::of(NO_EARLY_TERMINATION),
+            early_termination_limit: T::of(NO_LIMIT),
             length: T::one(),
             dual_length: T::one(),
             ..Progress::default()
@@ -423,7 +426,8 @@ pub fn revert<T: Real>(progress: &mut Progress<T>) {
     progress.infeasibility = progress.solved_infeasibility;
 }
 
-/// Updates the minimisation after an accepted step: ends it near the optimum, or else rounds absolute values less as the barrier falls.
+/// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values less
+/// as the barrier falls.
 ///
 /// * `predicted` - decrease of merit and cost that the linear model predicted for the step
 /// * `cost` - weighted cost at the new point
@@ -431,7 +435,7 @@ pub fn minimised<T: Real>(progress: &mut Progress<T>, minimise: &Minimisation<T>
     let sharp = progress.rounding <= minimise.rounding_floor;
     // Only a long step says how far the optimum is.
     let trusted = minimise.weight > T::zero() && sharp && progress.length > T::of(TRUSTED_LENGTH);
-    if trusted && predicted < minimise.tolerance * cost {
+    if cost > minimise.cost_limit || (trusted && predicted < minimise.tolerance * cost) {
         progress.phase = RESTORE_NEXT;
     }
     progress.rounding = minimise.rounding_at(progress.mu);
@@ -554,6 +558,7 @@ mod tests {
             rounding: 1e-2,
             rounding_floor: 1e-3,
             tolerance: 0.1,
+            cost_limit: 2.,
         },
     };
 
@@ -615,7 +620,7 @@ mod tests {
             closing_below: 1e-6,
             closing_from: 3.,
             edge_radius: 0.04,
-            early_termination_limit: NO_EARLY_TERMINATION,
+            early_termination_limit: NO_LIMIT,
             length: 1.,
             dual_length: 1.,
             ..Progress::default()
@@ -756,7 +761,7 @@ mod tests {
             assert_eq!(of(stall.clone(), 300), 3. * one);
             assert_eq!(of(StallSettings { early_termination: 2., ..stall.clone() }, 100), 2. * one);
             for never in [StallSettings { enabled: false, ..stall.clone() }, StallSettings { early_termination: 0., ..stall.clone() }] {
-                assert_eq!(of(never, 100), NO_EARLY_TERMINATION);
+                assert_eq!(of(never, 100), NO_LIMIT);
             }
         }
     }
@@ -941,6 +946,9 @@ mod tests {
         assert_eq!(of(0, 12), (12, 1e-4, RESTORE_BARRIER, 0., 0.25));
         assert_eq!(of(20, 12), (20, 1e-4, RESTORE_BARRIER, 0.5, 0.25));
         assert_eq!(of(0, 0).0, 0);
+        assert_eq!(Minimisation::<f64>::new(&settings(0, 12), Transcription::Momentum).cost_limit, NO_LIMIT);
+        let limited = SolverSettings { optimise: OptimiseSettings { cost_limit: Some(3.), ..settings(0, 12).optimise }, ..settings(0, 12) };
+        assert_eq!(Minimisation::<f64>::new(&limited, Transcription::Momentum).cost_limit, 0.75);
         let narrow = SolverSettings { barrier: Some(1e-5), ..settings(20, 0) };
         assert_eq!(Minimisation::<f64>::new(&narrow, Transcription::Towr).barrier, 1e-5);
     }
@@ -972,7 +980,7 @@ mod tests {
     }
 
     #[test]
-    fn the_minimisation_ends_at_its_iteration_limit_or_near_the_optimum() {
+    fn the_minimisation_ends_at_its_iteration_limit_near_the_optimum_or_above_the_limit_of_the_cost() {
         let progress = minimising();
         assert!(!is_minimised(&Progress { iterations: 16, ..progress }) && is_minimised(&Progress { iterations: 17, ..progress }));
         assert!(!is_minimised(&Progress { iterations: 17, phase: RESTORE, ..progress }));
@@ -983,6 +991,11 @@ mod tests {
         };
         assert_eq!(phase(1e-3, 0.6, 0.09), RESTORE_NEXT);
         assert_eq!([phase(2e-3, 0.6, 0.09), phase(1e-3, 0.4, 0.09), phase(1e-3, 0.6, 0.11)], [MINIMISE; 3]);
+        for (cost, expected) in [(2., MINIMISE), (2.1, RESTORE_NEXT)] {
+            let mut progress = progress;
+            minimised(&mut progress, &LIMITS.minimise, 1., cost);
+            assert_eq!(progress.phase, expected, "cost {cost}");
+        }
         // Smoothing alone has no optimality test.
         let mut smooth = Progress { rounding: 1e-3, ..progress };
         minimised(&mut smooth, &Minimisation { weight: 0., ..LIMITS.minimise }, -1., 0.);

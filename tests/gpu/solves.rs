@@ -362,7 +362,7 @@ fn searches_on_the_gpu_find_the_gaits_that_the_cpu_finds() {
         task.terrain = Arc::new(Terrain { friction: 5., ..(*task.terrain).clone() });
         let run = |backend: &dyn Backend| {
             let lower = lower(momentum());
-            let level = BatchSolver { task: &task, settings: &lower, backend, cost: None };
+            let level = BatchSolver { task: &task, settings: &lower, backend, cost: None, incumbent: None };
             let distribution = FreeDistribution::initial(&settings, task.robot.feet()).unwrap();
             search_with(&level, distribution, &settings, 1, &AtomicBool::new(false), &mut |_| ()).unwrap()
         };

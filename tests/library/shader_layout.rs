@@ -244,7 +244,7 @@ fn structs_differ(module: &Module) -> Result<(), String> {
         }
     }
     let offsets = offsets! {
-        Batch: Batch { values x cost_weights flags stall_budget closing minimise_tolerance }
+        Batch: Batch { values x cost_weights flags stall_budget closing minimise_tolerance cost_limit }
         Slot: Slot { first_factored footholds shape constants points }
         Progress: Progress<f32> { phase infeasibility mu eps edge_radius length solved_infeasibility }
         Shape: Shape { low per_metre }
@@ -331,7 +331,7 @@ fn a_struct_that_differs_is_seen() {
         ("    mu: f32,\n    barrier: f32,\n", "    barrier: f32,\n    mu: f32,\n", "Progress.mu"),
         ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n", "progress"),
         ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n    barrier: vec3<f32>,\n", "progress"),
-        ("    minimise_tolerance: f32,\n}", "    minimise_tolerance: f32,\n    more: u32,\n}", "batch"),
+        ("    cost_limit: f32,\n}", "    cost_limit: f32,\n    more: u32,\n}", "batch"),
         ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_legs"),
         ("    per_metre: array<f32, 2>,\n", "", "slots"),
         ("    angular: Place,\n", "    angle: Place,\n", "MomentumInterval has no angular"),

@@ -529,7 +529,7 @@ fn a_warm_solver_does_not_allocate() {
 /// The paper's search loop with its settings and seed 1.
 fn papers_search(task: &Task, threads: usize, cancelled: &AtomicBool, generation: &mut dyn FnMut()) -> CemSearchResult {
     let (upper, lower, backend) = (CemSettings::default(), lower(momentum(), Precision::F32), Cpu::new(threads).unwrap());
-    let level = BatchSolver { task, settings: &lower, backend: &backend, cost: None };
+    let level = BatchSolver { task, settings: &lower, backend: &backend, cost: None, incumbent: None };
     let distribution = FreeDistribution::initial(&upper, task.robot.feet()).unwrap();
     search_with(&level, distribution, &upper, 1, cancelled, &mut |_| generation()).unwrap()
 }

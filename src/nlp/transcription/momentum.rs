@@ -20,7 +20,7 @@ use crate::gait::trajectory::{GoalVelocity, MotionLimits};
 use crate::gait::{Curve, Phase};
 use crate::nlp::builder::Builder;
 use crate::nlp::problem::{Curves, FootBlocks};
-use crate::quadrature::{GAUSS_3, GAUSS_6, lagrange};
+use crate::quadrature::{GAUSS_3, GAUSS_6};
 use crate::real::Real;
 use crate::robot::{GRAVITY, Robot};
 use crate::rows::Family;
@@ -33,6 +33,7 @@ use crate::rows::turn::YAW;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 use nalgebra::{Matrix3, Vector3};
+use std::sync::LazyLock;
 
 /// Weight that attracts footholds to the initial guess, relative to 1 for a force of the weight per foot, 1/m². It would not slow the feet:
 /// with 0, 1, 10 and 100 the fastest foot of ANYmal's smoothed trot reaches 3.47, 3.51, 3.42 and 3.70 m/s.
@@ -43,22 +44,35 @@ const POSE_SMOOTHING: [f64; 6] = [0., 0., 0., 1., 1., 1.];
 /// Weights that attract the base rates to the initial guess, relative to 1 for a force of the weight per foot, s²/m² and s²/rad².
 const RATE_SMOOTHING: [f64; 6] = [0.1; 6];
 
+/// Degree of the polynomials of the deviation.
+const DEVIATION_DEGREE: usize = INNER_POINTS + 1;
+
+/// Coefficients of the polynomials that are 1 at one inner point and 0 at the others and at both ends of an interval, constant term first.
+static DEVIATION_POLYNOMIALS: LazyLock<[[f64; DEVIATION_DEGREE + 1]; INNER_POINTS]> = LazyLock::new(|| {
+    let inner = GAUSS_6.map(|[u, _]| u);
+    std::array::from_fn(|i| {
+        let mut polynomial = [0.; DEVIATION_DEGREE + 1];
+        polynomial[0] = 1.;
+        // One factor (u - node) / (inner[i] - node) after the other.
+        for node in inner.into_iter().chain([0., 1.]).filter(|node| *node != inner[i]) {
+            for power in (0..=DEVIATION_DEGREE).rev() {
+                let lower = if power > 0 { polynomial[power - 1] } else { 0. };
+                polynomial[power] = (lower - node * polynomial[power]) / (inner[i] - node);
+            }
+        }
+        polynomial
+    })
+});
+
 /// Weights of the deviations at the inner points for fraction `u` of an interval: a polynomial that vanishes at both ends.
 pub(crate) fn deviation_weights(u: f64) -> [f64; INNER_POINTS] {
-    let nodes = GAUSS_6.map(|[u, _]| u);
-    std::array::from_fn(|i| lagrange(&nodes, i, u) * u * (1. - u) / (nodes[i] * (1. - nodes[i])))
+    DEVIATION_POLYNOMIALS.map(|polynomial| polynomial.iter().rev().fold(0., |sum, c| sum * u + c))
 }
 
 /// Derivatives of [`deviation_weights`] with respect to `u`.
 pub(crate) fn deviation_rates(u: f64) -> [f64; INNER_POINTS] {
-    // The Lagrange polynomials of the inner points and both ends.
-    let nodes: [f64; INNER_POINTS + 2] = std::array::from_fn(|i| match i {
-        i if i < INNER_POINTS => GAUSS_6[i][0],
-        i => (i - INNER_POINTS) as f64,
-    });
-    let others = |i: usize, without: usize| (0..nodes.len()).filter(move |&j| j != i && j != without);
-    let product = |i: usize, without: usize| others(i, without).map(|j| (u - nodes[j]) / (nodes[i] - nodes[j])).product::<f64>();
-    std::array::from_fn(|i| others(i, i).map(|j| product(i, j) / (nodes[i] - nodes[j])).sum())
+    let terms = |polynomial: [f64; DEVIATION_DEGREE + 1]| (1..=DEVIATION_DEGREE).rev().map(move |power| power as f64 * polynomial[power]);
+    DEVIATION_POLYNOMIALS.map(|polynomial| terms(polynomial).fold(0., |sum, c| sum * u + c))
 }
 
 /// Pose and rate of the base in the initial guess at time `t`.

@@ -174,7 +174,7 @@ fn falls(lab: &Lab, s: usize, state: &State) -> Falls {
 const CLEAR: f64 = 1e-3;
 
 /// Names of the verdicts, and whether they occur while the rows are solved and while a cost is minimised.
-const OUTCOMES: [(&str, [bool; 2]); 12] = [
+const OUTCOMES: [(&str, [bool; 2]); 13] = [
     ("failed", [true, true]),
     ("exact", [true, false]),
     ("taken at ratios below 0.25", [true, true]),
@@ -187,6 +187,7 @@ const OUTCOMES: [(&str, [bool; 2]); 12] = [
     ("stalled", [true, true]),
     ("optimal", [false, true]),
     ("not optimal", [false, true]),
+    ("above the limit of the cost", [false, true]),
 ];
 
 /// Verdict of the twin on the trial point of a slot, with its names in [`OUTCOMES`]; `None` if a limit is too close.
@@ -201,7 +202,8 @@ fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) ->
         return None;
     }
     let phase = verdict.phase;
-    if phase == MINIMISE && near(predicted, lab.settings.optimise.tolerance * cost) {
+    let most = f64::from(limits.minimise.cost_limit);
+    if phase == MINIMISE && (near(predicted, lab.settings.optimise.tolerance * cost) || near(cost, most)) {
         return None;
     }
     let mut names = Vec::new();
@@ -214,7 +216,12 @@ fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) ->
         }
         if phase == MINIMISE {
             minimised(lab, s, &mut verdict, predicted, cost);
-            names.push(if verdict.phase == RESTORE_NEXT { "optimal" } else { "not optimal" });
+            names.push(match verdict.phase {
+                _ if cost > most => "above the limit of the cost",
+                RESTORE_NEXT => "optimal",
+                _ => "not optimal",
+            });
+            eprintln!("XCOST {cost}");
         }
     } else {
         control::refuse(&mut verdict);
