@@ -278,7 +278,7 @@ pub struct OptimiseSettings {
     /// above its minimum.
     pub tolerance: f64,
     /// Cost above which the minimisation of a candidate ends after any iteration; `None`: no limit. A search for the least cost of transport
-    /// has its own. Too small: candidates are given up that would have become cheap.
+    /// has its own. Too small: candidates are terminated early that would have become cheap.
     pub cost_limit: Option<f64>,
     /// Weights of the terms of the cost; a search sets its own (`search.cost`). Joints beyond their limits have a quadratic price in it.
     pub cost: CostWeights,

@@ -127,8 +127,8 @@ fn revert(before: Progress) -> Progress {
     return progress;
 }
 
-// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values less
-// as the barrier falls.
+// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values
+// less as the barrier falls.
 //   predicted  decrease of merit and cost by the linear model
 //   cost       weighted cost at the new point
 fn minimised(before: Progress, predicted: f32, cost: f32) -> Progress {

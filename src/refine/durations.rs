@@ -21,7 +21,7 @@ use super::convex_cost::Model;
 use super::curvature::History;
 use super::rows::{Known, Linear, Residuals, Row, Sides, Values, by_group, cost_parts, interval_limits, known, shortest_phases};
 use super::variables::{Move, Point, Space};
-use super::{RefineSettings, closing_settings, convex};
+use super::{RefineSettings, SHORT, closing_settings, convex};
 use crate::error::Result;
 use crate::gait::AlignedSchedule;
 use crate::gait::cost::{CostWeights, cost};
@@ -260,14 +260,20 @@ impl<'a> Minimiser<'a> {
         Minimiser { space, weights, settings, effort, solver: Solver::default(), outcome, minimisations: 0 }
     }
 
-    /// Motion of least cost after a step along the moves; `None` if its rows cannot be solved.
+    /// Motion of least cost after a step along the moves; `None` if its rows cannot be solved, or if a phase becomes too short: the limits of
+    /// the phases are linear in the moves, but their durations are not.
     fn moved(&mut self, from: &Optimum, moves: &[Move], step: &[f64], cancel: &dyn Fn() -> bool) -> Option<Optimum> {
         let mut v = from.point.v.clone();
         for (m, step) in moves.iter().zip(step) {
             m.by.iter().for_each(|(at, by)| v[*at] += by * step);
         }
         self.space.keep_impulses(&from.point.v, &mut v);
-        self.optimum(self.space.point(v).ok()?, Some(&from.multipliers), cancel)
+        let point = self.space.point(v).ok()?;
+        let shortness = |point: &Point| self.space.shortness(&point.schedule);
+        if shortness(&point) > SHORT.max(shortness(&from.point)) {
+            return None;
+        }
+        self.optimum(point, Some(&from.multipliers), cancel)
     }
 
     /// Minimises the cost of the motion with the durations of `point`; `None` if its rows cannot be solved.

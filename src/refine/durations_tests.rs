@@ -197,7 +197,7 @@ fn descended(steps: usize, iterations: usize) -> (Timed, f64) {
     let least = RefineSettings::default().shortest_phase * crate::gait::family::time_scale(&task.robot);
     let given = gait.schedule.durations().iter().flatten();
     for (duration, given) in timed.schedule.durations().iter().flatten().zip(given) {
-        assert!(*duration > given.min(least) * (1. - 1e-6), "{duration} is shorter than {}", given.min(least));
+        assert!(*duration > given.min(least) * (1. - SHORT), "{duration} is shorter than {}", given.min(least));
     }
     (timed, cost)
 }

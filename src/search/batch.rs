@@ -55,8 +55,8 @@ pub trait ScheduleSolver {
     }
 }
 
-/// Cost after an iteration of the minimisation, relative to that of the best gait so far, above which a candidate is given up. Of 627
-/// candidates of seven tasks none lost more than 20.2 % of its cost after the first iteration.
+/// Cost after an iteration of the minimisation, relative to that of the best gait so far, above which a candidate is terminated early.
+/// Of 627 candidates of seven tasks none lost more than 20.2 % of its cost after the first iteration.
 const COST_LIMIT: f64 = 1.25;
 
 /// Cost of the best gait so far. It changes between generations only, so that results do not depend on the order of solves.
@@ -69,7 +69,7 @@ impl Incumbent {
         *locked(&self.0) = Some(cost);
     }
 
-    /// Cost above which a candidate is given up, if there is a gait.
+    /// Cost above which a candidate is terminated early, if there is a gait.
     fn limit(&self) -> Option<f64> {
         locked(&self.0).map(|cost| COST_LIMIT * cost)
     }

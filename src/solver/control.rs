@@ -426,8 +426,8 @@ pub fn revert<T: Real>(progress: &mut Progress<T>) {
     progress.infeasibility = progress.solved_infeasibility;
 }
 
-/// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values less
-/// as the barrier falls.
+/// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values
+/// less as the barrier falls.
 ///
 /// * `predicted` - decrease of merit and cost that the linear model predicted for the step
 /// * `cost` - weighted cost at the new point

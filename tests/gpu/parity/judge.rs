@@ -221,7 +221,6 @@ fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) ->
                 RESTORE_NEXT => "optimal",
                 _ => "not optimal",
             });
-            eprintln!("XCOST {cost}");
         }
     } else {
         control::refuse(&mut verdict);

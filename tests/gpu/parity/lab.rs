@@ -185,7 +185,7 @@ impl<'a> Lab<'a> {
             stall: StallSettings { start: 12, window: 7, ..StallSettings::default() },
             // Only solves with `minimise_iterations` minimise a cost.
             smooth: SmoothSettings { iterations: 12, ..SmoothSettings::default() },
-            optimise: OptimiseSettings { iterations: 12, tolerance: 0.5, cost_limit: Some(1e3), ..OptimiseSettings::default() },
+            optimise: OptimiseSettings { iterations: 12, tolerance: 0.5, cost_limit: Some(2e4), ..OptimiseSettings::default() },
             ..SolverSettings::default()
         };
         let prepare = |s: usize| {

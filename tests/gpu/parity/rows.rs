@@ -253,7 +253,7 @@ fn swing_agrees_with_its_twin() {
     evaluation(
         Shader::Swing,
         |slot| slot.swing_nodes,
-        8. * ARITHMETIC,
+        16. * ARITHMETIC,
         |lab, s, x, shared, expected| {
             let (g, jacobian) = trial(lab, s, false, &mut expected.state);
             swing::swing(&lab.slots[s].problem, x, &shared.ground, g, Some(jacobian));
