@@ -1,6 +1,7 @@
 //! Costs and derivatives along the durations of a short walk, and descents from it.
 
 use super::super::tests::{found, task};
+use super::super::variables::SHORT;
 use super::*;
 use crate::gait::family::GaitFamily;
 use crate::rows::table::NONE;
@@ -26,9 +27,6 @@ fn walk() -> (Task, Evaluated) {
     let gait = found(&task, GaitFamily::Walk, &LowerSettings { transcription: transcription(), ..LowerSettings::default() });
     (task, gait)
 }
-
-/// Effort of the minimisations in the tests.
-const EFFORT: Effort = Effort { first: FIRST_ITERATIONS, iterations: ITERATIONS, rounded: false };
 
 /// Calls `then` with a minimiser for the walk and its initial point.
 fn with_walk(then: impl Fn(&mut Minimiser, Point)) {

@@ -210,8 +210,6 @@ const ACCEPTED: f64 = 0.1;
 const GOOD: f64 = 0.7;
 /// Ratio of actual to predicted decrease below which the trust region shrinks.
 const POOR: f64 = 0.3;
-/// Relative amount by which a phase may be shorter than the shortest. Closing steps do not correct it.
-const SHORT: f64 = 1e-3;
 /// Trust below which a refinement is stalled.
 const LEAST_TRUST: f64 = 1e-6;
 /// Largest trust.
@@ -389,8 +387,7 @@ impl Descent<'_> {
                 let next = trial.as_ref().map_or(f64::INFINITY, |p| price.value(p, rounding));
                 let ratio = (value - next) / step.predicted;
                 let went = step.by.iter().zip(length).map(|(d, l)| (d / l).abs()).fold(0., f64::max);
-                let short = |p: &Point| space.shortness(&p.schedule);
-                let lasts = |p: &Point| short(p) < SHORT || short(p) <= short(&self.now);
+                let lasts = |p: &Point| space.lasts(&p.schedule, &self.now.schedule);
                 let taken = trial.filter(|p| next < value && ratio > ACCEPTED && lasts(p) && certified(task, p));
                 if taken.is_none() || ratio < POOR {
                     trust = 0.5 * went.min(trust);

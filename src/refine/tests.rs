@@ -1,3 +1,4 @@
+use super::variables::SHORT;
 use super::*;
 use crate::backend::Cpu;
 use crate::gait::cost::cost as price_of;

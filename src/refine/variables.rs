@@ -21,6 +21,8 @@ use crate::rows::table::NONE;
 use crate::settings::TranscriptionSettings;
 use crate::task::Task;
 
+/// Relative amount by which a phase may be shorter than the shortest. Closing steps do not correct it.
+pub(super) const SHORT: f64 = 1e-3;
 /// Step of a base position at trust 1, m.
 const POSITION_STEP: f64 = 0.05;
 /// Step of an attitude angle at trust 1, rad.
@@ -191,8 +193,14 @@ impl<'a> Space<'a> {
         [(pieces - 1.).max(0.5) * PIECE + PIECE * 1e-6, pieces * PIECE * (1. - 1e-6)]
     }
 
+    /// True if phases are long enough after a step: none is too short by more than [`SHORT`], or none by more than before.
+    pub fn lasts(&self, schedule: &AlignedSchedule, before: &AlignedSchedule) -> bool {
+        let short = self.shortness(schedule);
+        short < SHORT || short <= self.shortness(before)
+    }
+
     /// Largest relative shortfall of a phase from its shortest duration; negative or zero if no phase is too short.
-    pub fn shortness(&self, schedule: &AlignedSchedule) -> f64 {
+    fn shortness(&self, schedule: &AlignedSchedule) -> f64 {
         let phases = schedule.durations().iter().flatten().zip(self.shortest.iter().flatten());
         phases.map(|(duration, shortest)| 1. - duration / shortest).fold(f64::NEG_INFINITY, f64::max)
     }
