@@ -29,6 +29,8 @@ const ENDED: u32 = 4u;
 const SOLVED: u32 = 4u;
 const MAX_ITERATIONS: u32 = 5u;
 const STALLED: u32 = 6u;
+const TERMINATED_EARLY: u32 = 8u;
+const STEPS_REFUSED: u32 = 9u;
 const NON_FINITE: u32 = 7u;
 const SOLVE: u32 = 0u;
 const MINIMISE: u32 = 1u;
@@ -63,6 +65,10 @@ const NEAR_LINEAR: f32 = 0.3f;
 const NEAR_LINEAR_FLOOR: f32 = 0.05f;
 const GOOD_RATIO: f32 = 0.7f;
 const POOR_RATIO: f32 = 0.25f;
+const MINIMISE_POOR_RATIO: f32 = 0.5f;
+const MINIMISE_POOR_FACTOR: f32 = 4.0f;
+const BARRIER_PER_FALL: f32 = 2.0f;
+const LARGEST_BARRIER_FLOOR: f32 = 3e-7f;
 const GOOD_DIVISOR: f32 = 4.0f;
 const POOR_FACTOR: f32 = 2.0f;
 const SHORTENING: f32 = 0.25f;
@@ -72,6 +78,8 @@ const TRUSTED_LENGTH: f32 = 0.5f;
 const PROXIMAL_GROWTH: f32 = 6.0f;
 const BARRIER_FLOOR: f32 = 1e-9f;
 const SLACK_FLOOR: f32 = 1e-6f;
+const CLOSING_REACH: f32 = 3.0f;
+const LARGEST_CLOSING_REACH: f32 = 0.0001f;
 const FRACTION_TO_THE_BOUNDARY: f32 = 0.99f;
 const MULTIPLIER_FLOOR: f32 = 1e-8f;
 const SCALING_FLOOR: f32 = 0.01f;
@@ -329,6 +337,7 @@ struct Progress {
     minimise_until: u32,
     infeasibility: f32,
     mu: f32,
+    barrier_floor: f32,
     barrier: f32,
     smoothing: f32,
     eps: f32,

@@ -75,7 +75,9 @@ pub fn of_round(task: &Task, schedule: &AlignedSchedule, settings: &LowerSetting
     shader(Shader::Substitute, &mut || substitute(&problem, &mut factor, &mut direction));
     shader(Shader::Product, &mut || jacobian_times(&problem, &jacobian, &direction, &mut local, &mut c_change, &mut g_change));
     let mut mu = Counted::default();
-    shader(Shader::Correct, &mut || mu = correct(&problem, &c, &g, &g_change, &mut slacks, &mut weight, &mut value));
+    shader(Shader::Correct, &mut || {
+        mu = correct(&problem, &c, &g, &g_change, &mut slacks, progress.barrier_floor, [&mut weight, &mut value])
+    });
     let mut right = zeros(variables);
     shader(Shader::Transposed, &mut || {
         transposed_times(&problem, &jacobian, &value, &mut local, &mut right);

@@ -43,8 +43,10 @@ fn begin(slot: u32, before: Progress, f: f32, earlier: f32, largest: f32, feasib
         progress.state = SOLVED;
     } else if (progress.iterations >= last_iteration(progress)) {
         progress.state = MAX_ITERATIONS;
-    } else if (stalled(progress, f, earlier) || ends_early(progress, f, largest)) {
+    } else if (stalled(progress, f, earlier)) {
         progress.state = STALLED;
+    } else if (ends_early(progress, f, largest)) {
+        progress.state = TERMINATED_EARLY;
     } else {
         var closing = progress.state == CLOSE;
         let slow = f > CLOSING_RATE * progress.closing_from;
@@ -87,6 +89,7 @@ fn enter(before: Progress, phase: u32, barrier: f32) -> Progress {
     progress.state = STEP;
     progress.stall_from = progress.recorded;
     progress.mu = barrier;
+    progress.barrier_floor = BARRIER_FLOOR;
     progress.barrier = barrier;
     progress.smoothing = 0.0;
     progress.eps = batch.proximal_floor;
@@ -127,11 +130,12 @@ fn revert(before: Progress) -> Progress {
     return progress;
 }
 
-// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, and rounds absolute values
-// less as the barrier falls.
-//   predicted  decrease of merit and cost by the linear model
-//   cost       weighted cost at the new point
-fn minimised(before: Progress, predicted: f32, cost: f32) -> Progress {
+// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, rounds absolute values less as
+// the barrier falls, and keeps the barrier in proportion to the predicted fall.
+//   predicted     decrease of merit and cost by the linear model
+//   cost          weighted cost at the new point
+//   inequalities  number of inequalities
+fn minimised(before: Progress, predicted: f32, cost: f32, inequalities: u32) -> Progress {
     var progress = before;
     let sharp = progress.rounding <= batch.rounding_floor;
     // Only a long step says how far the optimum is.
@@ -141,6 +145,8 @@ fn minimised(before: Progress, predicted: f32, cost: f32) -> Progress {
     }
     let part = min(sqrt(progress.mu / batch.minimise_barrier), 1.0);
     progress.rounding = max(batch.rounding * part, batch.rounding_floor);
+    let least = BARRIER_PER_FALL * predicted / (progress.length * f32(max(inequalities, 1u)));
+    progress.barrier_floor = clamp(least, BARRIER_FLOOR, LARGEST_BARRIER_FLOOR);
     return progress;
 }
 
@@ -181,10 +187,11 @@ fn accept(before: Progress, ratio: f32) -> Progress {
     let eps = proximal(progress);
     // After a shortened step the weight stays: the direction was good.
     let whole = progress.state != SHORTER;
+    let minimises = progress.phase == MINIMISE;
     if (whole && ratio > GOOD_RATIO) {
         progress = with_proximal(progress, max(eps / GOOD_DIVISOR, batch.proximal_floor));
-    } else if (whole && ratio < POOR_RATIO) {
-        progress = with_proximal(progress, eps * POOR_FACTOR);
+    } else if (whole && ratio < select(POOR_RATIO, MINIMISE_POOR_RATIO, minimises)) {
+        progress = with_proximal(progress, eps * select(POOR_FACTOR, MINIMISE_POOR_FACTOR, minimises));
     }
     progress.iterations += 1u;
     return renew(progress);
@@ -231,7 +238,7 @@ fn damp(before: Progress) -> Progress {
     if (progress.attempts == ATTEMPTS) {
         progress.attempts = 0u;
         if (progress.phase == SOLVE) {
-            progress.state = STALLED;
+            progress.state = STEPS_REFUSED;
         } else {
             progress.state = STEP;
             progress.phase = select(REVERT, RESTORE_NEXT, progress.phase == MINIMISE);

@@ -58,10 +58,10 @@ fn product_after(base: u32, i: u32, lengths: vec2<f32>) -> f32 {
     return s * z;
 }
 
-// Target of the barrier parameter by Mehrotra's rule, from the mean product before and after the predictor.
-fn target_barrier(before: f32, after: f32) -> f32 {
+// Target of the barrier parameter by Mehrotra's rule, from the mean product before and after the predictor; at least `least`.
+fn target_barrier(before: f32, after: f32, least: f32) -> f32 {
     let share = clamp(after / before, 0.0, 1.0);
-    return max(before * share * share, BARRIER_FLOOR);
+    return max(before * share * share, least);
 }
 
 // Weight of inequality `i` in a barrier step, and its value: `w = 1 / (s/z + 1/rho)`, `z + w (g - z/rho + mu/z)`, with `rho = 1`.

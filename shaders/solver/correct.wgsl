@@ -3,7 +3,7 @@
 // Mehrotra's corrector: longest step of the predictor, target of the barrier parameter, and values of the rows. One workgroup per
 // candidate.
 //   in      values    g at the point, g_change, slacks and multipliers
-//   in out  progress  mu
+//   in out  progress  mu; barrier_floor
 //   out     values    slack_step, multiplier_step [inequalities]; weight, value [rows]
 // Twin: src/solver/correct.rs
 
@@ -26,7 +26,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     }
     before = sum_over(lane, before) / f32(max(count, 1u));
     after = sum_over(lane, after) / f32(max(count, 1u));
-    let aim = BarrierTarget(target_barrier(before, after), 1.0);
+    let aim = BarrierTarget(target_barrier(before, after, now.barrier_floor), 1.0);
     // The steps that other invocations wrote are read below.
     storageBarrier();
     for (var i = lane; i < all_elements(slot); i += WORKGROUP) {

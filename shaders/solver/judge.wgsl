@@ -144,7 +144,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         if (taken) {
             let after = accept(progress[slot], select(0.0, fall / predicted, predicted > 0.0));
             if (minimises) {
-                progress[slot] = minimised(after, predicted, cost);
+                progress[slot] = minimised(after, predicted, cost, counts.inequalities);
             } else {
                 progress[slot] = after;
             }

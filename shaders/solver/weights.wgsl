@@ -86,10 +86,12 @@ fn begin_round(slot: u32, lane: u32, before: Progress) -> Progress {
     return now;
 }
 
-// Weights and values of the rows of one element in a closing step: the equalities and the violated inequalities. Cost rows are left out.
-fn closing_rows(slot: u32, half: u32, element: Element) {
+// Weights and values of the rows of one element in a closing step: the equalities and the inequalities that are violated or nearly active.
+// Cost rows are left out.
+fn closing_rows(slot: u32, half: u32, element: Element, infeasibility: f32) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
+    let reach = min(CLOSING_REACH * sqrt(infeasibility), LARGEST_CLOSING_REACH);
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
         let kind = row_kind(slots[slot].rows, row);
@@ -99,10 +101,10 @@ fn closing_rows(slot: u32, half: u32, element: Element) {
         }
         if (kind == INEQUALITY) {
             let upper = values[g + element.place.inequality + r];
-            sum = select(vec2<f32>(0.0, 0.0), vec2<f32>(1.0, upper), upper > 0.0);
+            sum = vec2<f32>(select(0.0, 1.0, upper > -reach), select(0.0, upper, upper > 0.0));
             if (r < element.pairs) {
                 let lower = values[g + element.place.inequality + element.rows + r];
-                sum += select(vec2<f32>(0.0, 0.0), vec2<f32>(1.0, -lower), lower > 0.0);
+                sum += vec2<f32>(select(0.0, 1.0, lower > -reach), select(0.0, -lower, lower > 0.0));
             }
         }
         values[base + batch.weight + row] = sum.x;
@@ -113,7 +115,7 @@ fn closing_rows(slot: u32, half: u32, element: Element) {
 // Weights and values of the rows of one element in the current kind of step.
 fn row_weights(slot: u32, now: Progress, element: Element) {
     if (now.state == CLOSE) {
-        closing_rows(slot, now.current, element);
+        closing_rows(slot, now.current, element, now.infeasibility);
     } else {
         barrier_rows(slot, now.current, element, BarrierTarget(0.0, 0.0));
     }

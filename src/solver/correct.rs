@@ -10,6 +10,7 @@ use multiversion::multiversion;
 /// Computes the predictor's steps of slacks and multipliers and the row weights and values of the corrector. Returns the barrier parameter.
 ///
 /// * `g_change` - product of the inequality Jacobian with the predictor's direction
+/// * `floor` - smallest barrier parameter
 /// * `weight`, `value` - out, per row
 #[multiversion(targets("x86_64+avx2+fma"))]
 pub fn correct<T: Real>(
@@ -18,11 +19,11 @@ pub fn correct<T: Real>(
     g: &[T],
     g_change: &[T],
     slacks: &mut Slacks<T>,
-    weight: &mut [T],
-    value: &mut [T],
+    floor: T,
+    [weight, value]: [&mut [T]; 2],
 ) -> T {
     let lengths = slack_steps(g, g_change, BarrierTarget::predictor(), slacks);
-    let mu = target(slacks, lengths);
+    let mu = target(slacks, lengths, floor);
     barrier_rows(problem, c, g, slacks, BarrierTarget::corrector(mu), weight, value);
     mu
 }

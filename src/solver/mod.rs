@@ -10,7 +10,7 @@
 //! how far the barrier parameter can be reduced, and Mehrotra's corrector computes the step for that parameter. The multipliers have a step
 //! length of their own. A step is refused if the merit does not decrease and the residuals are far from their linear model. It is then
 //! shortened to a quarter and to a sixteenth, which costs no factorisation, and after that recomputed with larger `eps`. Near a solution,
-//! closing steps (Gauss-Newton on the equalities and the violated rows) converge quadratically.
+//! closing steps (Gauss-Newton on the rows that are violated or nearly active) converge quadratically.
 //!
 //! The cost of a solved candidate can then be minimised, see [`minimise`].
 
@@ -42,7 +42,7 @@ use crate::rows::{self, RowKind, Shared};
 use crate::settings::SolverSettings;
 use advance::{add, advance};
 use aligned_vec::{AVec, CACHELINE_ALIGN};
-use control::{CLOSE, EXACT, Limits, MINIMISE, Progress, RESTORE, REVERT, SHORTER, SOLVE, STALLED, STEP};
+use control::{CLOSE, EXACT, Limits, MINIMISE, Progress, RESTORE, REVERT, SHORTER, SOLVE, STEP};
 use correct::correct;
 use judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use minimise::{add_shifts, subtract_shifts, update_shifts};
@@ -228,6 +228,9 @@ impl<T: Real> Solver<T> {
     fn iterate(&mut self, solve: &Solve<T>, progress: &mut Progress<T>, cancel: &dyn Fn() -> bool) -> Status {
         loop {
             if let Some(status) = Status::of(progress.state) {
+                if status != Status::Solved {
+                    trace!("{status} at infeasibility {:.2e}", progress.infeasibility.as_f64());
+                }
                 return status;
             }
             if progress.attempts == 0 && cancel() {
@@ -277,8 +280,8 @@ impl<T: Real> Solver<T> {
                 jacobian_times(problem, &self.jacobian, &self.direction, &mut self.local, &mut self.change.c, &mut self.change.g);
             }
             Stage::Correct => {
-                let (now, rows) = (&self.now, (&mut self.weight, &mut self.value));
-                progress.mu = correct(problem, &now.c, &now.g, &self.change.g, &mut self.slacks, rows.0, rows.1);
+                let (now, rows) = (&self.now, [&mut self.weight[..], &mut self.value]);
+                progress.mu = correct(problem, &now.c, &now.g, &self.change.g, &mut self.slacks, progress.barrier_floor, rows);
             }
             Stage::Transposed => {
                 transposed_times(problem, &self.jacobian, &self.value, &mut self.local, &mut self.right_hand_side);
@@ -330,10 +333,6 @@ impl<T: Real> Solver<T> {
         let before = self.history.len().checked_sub(solve.limits.stall_window as usize).map_or(f, |at| self.history[at]);
         let largest = largest(&self.slacks.multiplier);
         control::begin(progress, &solve.limits, f, before, largest, self.finished(solve, f));
-        if progress.state == STALLED && progress.phase != REVERT {
-            let slow = control::stalled(progress, &solve.limits, f, before);
-            trace!("stalled: {} at infeasibility {:.2e}", if slow { "stall rule" } else { "early termination" }, f.as_f64());
-        }
         if progress.state == EXACT {
             self.trial.clone_from(&self.x);
         } else {
@@ -365,7 +364,7 @@ impl<T: Real> Solver<T> {
         self.failed = false;
         let now = &self.now;
         if progress.state == CLOSE {
-            closing_rows(problem, &now.c, &now.g, &mut self.weight, &mut self.value);
+            closing_rows(problem, &now.c, &now.g, progress.infeasibility, &mut self.weight, &mut self.value);
         } else {
             barrier_rows(problem, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }
@@ -401,8 +400,7 @@ impl<T: Real> Solver<T> {
             return control::renew(progress);
         }
         if self.failed {
-            control::damp(progress);
-            return log_refused(progress);
+            return control::damp(progress);
         }
         let minimises = progress.phase == MINIMISE;
         if minimises {
@@ -431,14 +429,13 @@ impl<T: Real> Solver<T> {
             self.take_trial();
             if minimises {
                 update_shifts(problem, &mut self.now, &mut self.shift, &self.slacks);
-                control::minimised(progress, &solve.limits.minimise, predicted, objective.cost(problem, &self.now.c));
+                control::minimised(progress, &solve.limits.minimise, predicted, objective.cost(problem, &self.now.c), problem.inequalities);
             }
             if enabled!(Level::TRACE) {
                 self.log(solve, progress, minimises);
             }
         } else {
             control::refuse(progress);
-            log_refused(progress);
         }
     }
 
@@ -528,13 +525,6 @@ impl<T: Real> Solver<T> {
     /// Infeasibility `F` at the start and after each iteration of the last solve.
     pub fn history(&self) -> Vec<f64> {
         self.history.iter().map(|f| f.as_f64()).collect()
-    }
-}
-
-/// Logs that a solve has ended because every attempted step was refused.
-fn log_refused<T: Real>(progress: &Progress<T>) {
-    if progress.state == STALLED {
-        trace!("stalled: every step refused at infeasibility {:.2e}", progress.infeasibility.as_f64());
     }
 }
 

@@ -153,9 +153,10 @@ pub fn mean_product<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>) -> T {
 /// predictor's steps, the smaller it is.
 ///
 /// * `lengths` - step lengths of the predictor
-pub fn target<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>) -> T {
+/// * `floor` - smallest barrier parameter
+pub fn target<T: Real>(slacks: &Slacks<T>, lengths: Lengths<T>, floor: T) -> T {
     let before = mean_product(slacks, Lengths::none());
     let share = mean_product(slacks, lengths) / before;
     let share = share.max(T::zero()).min(T::one());
-    (before * share * share).max(T::of(BARRIER_FLOOR))
+    (before * share * share).max(floor)
 }

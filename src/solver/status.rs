@@ -12,9 +12,12 @@ pub enum Status {
     Solved,
     /// The iteration limit was reached.
     MaxIterations,
-    /// No progress: the stall rule or early termination ended the solve, or every attempted step was refused. The log of the CPU says which
-    /// (`-vv`).
+    /// Progress was too slow: the stall rule ended the solve.
     Stalled,
+    /// After a few iterations the infeasibility was too high for a candidate that can be solved.
+    TerminatedEarly,
+    /// Every attempted step was refused, even short ones.
+    StepsRefused,
     /// A residual became infinite or NaN.
     NonFinite,
     /// Cancelled from outside, because an answer was found or the user requested it.
@@ -28,6 +31,8 @@ impl Status {
             control::SOLVED => Some(Status::Solved),
             control::MAX_ITERATIONS => Some(Status::MaxIterations),
             control::STALLED => Some(Status::Stalled),
+            control::TERMINATED_EARLY => Some(Status::TerminatedEarly),
+            control::STEPS_REFUSED => Some(Status::StepsRefused),
             control::NON_FINITE => Some(Status::NonFinite),
             _ => None,
         }
@@ -40,6 +45,8 @@ impl std::fmt::Display for Status {
             Status::Solved => "solved",
             Status::MaxIterations => "iteration limit",
             Status::Stalled => "stalled",
+            Status::TerminatedEarly => "terminated early",
+            Status::StepsRefused => "every step refused",
             Status::NonFinite => "not finite",
             Status::Cancelled => "cancelled",
         })

@@ -6,6 +6,13 @@ use crate::real::Real;
 use crate::rows::RowKind;
 use multiversion::multiversion;
 
+/// Distance from zero, as a multiple of the root of the infeasibility, within which an inequality takes part in closing steps. Without it a
+/// closing step from an optimum on its limits violates rows that it left out; it is then refused, and barrier steps lead away from the
+/// optimum: the cost of a biped's walk of 0.51 m rose by 3.8 % in 200 iterations.
+pub const CLOSING_REACH: f64 = 3.;
+/// Upper limit of this distance, in the scale of the rows. Without it a biped's hop that was resumed beside its optimum, in values of up to
+/// 0.01, ended 6 % above it after two iterations, with it 1.7 %.
+pub const LARGEST_CLOSING_REACH: f64 = 1e-4;
 /// Number of inequalities whose weights and values are computed in one block.
 const AT_ONCE: usize = 256;
 
@@ -69,16 +76,21 @@ pub fn barrier_rows<T: Real>(
     });
 }
 
-/// Row weights and values of a closing step: the equalities and the violated inequalities.
+/// Row weights and values of a closing step: the equalities and the inequalities that are violated or nearly active. The step keeps the
+/// latter where they are.
+///
+/// * `infeasibility` - at the point
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn closing_rows<T: Real>(problem: &Problem<T>, c: &[T], g: &[T], weight: &mut [T], value: &mut [T]) {
+pub fn closing_rows<T: Real>(problem: &Problem<T>, c: &[T], g: &[T], infeasibility: T, weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
+    let reach = (T::of(CLOSING_REACH) * infeasibility.sqrt()).min(T::of(LARGEST_CLOSING_REACH));
     let equalities = problem.rows.of(RowKind::Equality);
     weight[equalities.clone()].fill(one);
     value[equalities.clone()].copy_from_slice(&c[equalities]);
     per_row(problem, weight, value, |first, weights, values| {
         for ((weight, value), &g) in weights.iter_mut().zip(values).zip(&g[first..]) {
-            (*weight, *value) = if g > zero { (one, g) } else { (zero, zero) };
+            *weight = if g > -reach { one } else { zero };
+            *value = if g > zero { g } else { zero };
         }
     });
 }

@@ -341,7 +341,7 @@ fn every_status_of_a_solve_is_reported() {
     let problems: Vec<(&Task, &Schedule)> = candidates.iter().map(|(t, s)| (t, s)).collect();
     let mut settings = lower(momentum());
     let statuses: Vec<Status> = solve_on(&*gpu, &problems, &settings).iter().flatten().map(|e| e.outcome.status).collect();
-    assert!(statuses.contains(&Status::Solved) && statuses.contains(&Status::Stalled), "{statuses:?}");
+    assert!(statuses.contains(&Status::Solved) && statuses.contains(&Status::TerminatedEarly), "{statuses:?}");
     settings.solver.max_iterations = 1;
     assert!(
         solve_on(&*gpu, &problems, &settings)

@@ -328,9 +328,9 @@ fn a_struct_that_differs_is_seen() {
     let text = prelude();
     assert_eq!(check(&text), Ok(()));
     for (from, to, seen) in [
-        ("    mu: f32,\n    barrier: f32,\n", "    barrier: f32,\n    mu: f32,\n", "Progress.mu"),
-        ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n", "progress"),
-        ("    mu: f32,\n    barrier: f32,\n", "    mu: f32,\n    barrier: vec3<f32>,\n", "progress"),
+        ("    mu: f32,\n    barrier_floor: f32,\n", "    barrier_floor: f32,\n    mu: f32,\n", "Progress.mu"),
+        ("    mu: f32,\n    barrier_floor: f32,\n", "    mu: f32,\n", "progress"),
+        ("    mu: f32,\n    barrier_floor: f32,\n", "    mu: f32,\n    barrier_floor: vec3<f32>,\n", "progress"),
         ("    cost_limit: f32,\n}", "    cost_limit: f32,\n    more: u32,\n}", "batch"),
         ("    center: array<f32, 3>,\n", "    center: vec3<f32>,\n", "reach_legs"),
         ("    per_metre: array<f32, 2>,\n", "", "slots"),

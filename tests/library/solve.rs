@@ -163,17 +163,17 @@ fn an_iteration_limit_of_one_ends_as_max_iterations() {
 }
 
 #[test]
-fn six_metres_in_four_tenths_of_a_second_end_as_stalled() {
+fn six_metres_in_four_tenths_of_a_second_terminate_early() {
     let impossible = (task("anymal", "flat", [6., 0.], 0.), Schedule::new(vec![vec![0.15, 0.1, 0.15]; 4]).unwrap());
     for outcome in solve_all(&impossible, &SolverSettings::default()) {
-        assert_eq!(outcome.status, Status::Stalled, "{outcome:?}");
+        assert_eq!(outcome.status, Status::TerminatedEarly, "{outcome:?}");
         // The rule ends the solve well before the limit.
         assert!(outcome.iterations < 40 && outcome.infeasibility > 1., "{outcome:?}");
     }
     for transcription in transcriptions() {
         let results = evaluate_all(&[(&impossible.0, &impossible.1)], &lower(transcription, Precision::F32), 1);
         let result = results[0].as_ref().unwrap();
-        assert!(!result.feasible && result.n_violated > 0 && result.outcome.status == Status::Stalled);
+        assert!(!result.feasible && result.n_violated > 0 && result.outcome.status == Status::TerminatedEarly);
     }
 }
 

@@ -332,7 +332,7 @@ fn log_of(arguments: &str) -> Vec<String> {
 }
 
 #[test]
-fn the_log_has_a_line_per_iteration_and_the_reason_of_a_stall() {
+fn the_log_has_a_line_per_iteration_and_the_status_at_the_end() {
     let number = |line: &str, before: &str| -> f64 { line.split(before).nth(1).unwrap().split(',').next().unwrap().parse().unwrap() };
     let solved = log_of("--robot biped --goal 0.5,0 --gait walk --population 2 --generations 0");
     // The first solve: its iterations are counted, and its rows and its cost fall.
@@ -345,5 +345,5 @@ fn the_log_has_a_line_per_iteration_and_the_reason_of_a_stall() {
     assert!(number(first.last().unwrap(), "infeasibility ") < SolverSettings::default().tolerance, "{first:#?}");
     assert!(minimised.last().unwrap() < &number(solve, "cost "), "{first:#?}");
     let weak = log_of("--robot biped --goal 1,0 --force-limit 120 --gait walk --population 2 --generations 1");
-    assert!(weak.iter().any(|line| line.contains("stalled: early termination at infeasibility ")), "{weak:#?}");
+    assert!(weak.iter().any(|line| line.contains("terminated early at infeasibility ")), "{weak:#?}");
 }

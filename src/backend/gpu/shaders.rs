@@ -43,6 +43,7 @@ use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_FLOOR, SLACK_FLOOR};
 use crate::solver::start::SCALING_FLOOR;
+use crate::solver::weights::{CLOSING_REACH, LARGEST_CLOSING_REACH};
 use crate::terrain::profile::DIMENSIONS;
 
 /// Invocations per workgroup, in every shader, if an adapter allows as many. Workgroup memory limits the number of workgroups on a GPU,
@@ -367,6 +368,8 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("SOLVED", control::SOLVED),
         ("MAX_ITERATIONS", control::MAX_ITERATIONS),
         ("STALLED", control::STALLED),
+        ("TERMINATED_EARLY", control::TERMINATED_EARLY),
+        ("STEPS_REFUSED", control::STEPS_REFUSED),
         ("NON_FINITE", control::NON_FINITE),
         ("SOLVE", control::SOLVE),
         ("MINIMISE", control::MINIMISE),
@@ -404,6 +407,10 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("NEAR_LINEAR_FLOOR", control::NEAR_LINEAR_FLOOR as f32),
         ("GOOD_RATIO", control::GOOD_RATIO as f32),
         ("POOR_RATIO", control::POOR_RATIO as f32),
+        ("MINIMISE_POOR_RATIO", control::MINIMISE_POOR_RATIO as f32),
+        ("MINIMISE_POOR_FACTOR", control::MINIMISE_POOR_FACTOR as f32),
+        ("BARRIER_PER_FALL", control::BARRIER_PER_FALL as f32),
+        ("LARGEST_BARRIER_FLOOR", control::LARGEST_BARRIER_FLOOR as f32),
         ("GOOD_DIVISOR", control::GOOD_DIVISOR as f32),
         ("POOR_FACTOR", control::POOR_FACTOR as f32),
         ("SHORTENING", control::SHORTENING as f32),
@@ -413,6 +420,8 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),
+        ("CLOSING_REACH", CLOSING_REACH as f32),
+        ("LARGEST_CLOSING_REACH", LARGEST_CLOSING_REACH as f32),
         ("FRACTION_TO_THE_BOUNDARY", FRACTION_TO_THE_BOUNDARY as f32),
         ("MULTIPLIER_FLOOR", MULTIPLIER_FLOOR as f32),
         ("SCALING_FLOOR", SCALING_FLOOR as f32),

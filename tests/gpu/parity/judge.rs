@@ -1,10 +1,10 @@
 //! Verdicts on trial points.
 
-use super::ARITHMETIC;
 use super::candidates::candidates;
 use super::lab::{CAPACITY, Expected, Lab, SMALL, State, fill, gpu, states};
 use super::minimise::{draw_shifts, minimised, problem_of, put_residuals, put_shifts, residuals_of, shifts};
 use super::solver::{barrier_state, limits, residuals, slacks, truncated_counts};
+use super::{ARITHMETIC, SUM};
 use crate::common::Random;
 use cregopt::backend::gpu::shaders::Shader;
 use cregopt::rows::RowKind;
@@ -184,7 +184,7 @@ const OUTCOMES: [(&str, [bool; 2]); 13] = [
     ("shortened", [true, true]),
     ("back to the barrier", [true, false]),
     ("refused", [true, true]),
-    ("stalled", [true, true]),
+    ("every step refused", [true, true]),
     ("optimal", [false, true]),
     ("not optimal", [false, true]),
     ("above the limit of the cost", [false, true]),
@@ -198,7 +198,7 @@ fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) ->
     let wide = Progress { state, infeasibility: f64::from(verdict.infeasibility), ..Progress::<f64>::default() };
     let model = 0.3 * predicted.max(0.05 * wide.infeasibility);
     let near = |a: f64, b: f64| (a - b).abs() <= CLEAR * size;
-    if [0., 0.25, 0.7].iter().any(|limit| near(fall, limit * predicted)) || near(predicted, 0.) || near(gap, model) {
+    if [0., 0.25, 0.5, 0.7].iter().any(|limit| near(fall, limit * predicted)) || near(predicted, 0.) || near(gap, model) {
         return None;
     }
     let phase = verdict.phase;
@@ -226,8 +226,8 @@ fn verdict_of_twin(lab: &Lab, limits: &Limits<f32>, s: usize, before: &State) ->
         control::refuse(&mut verdict);
         names.push(match verdict.state {
             SHORTER => "shortened",
-            control::STALLED => "stalled",
-            _ if verdict.phase != phase => "stalled",
+            control::STEPS_REFUSED => "every step refused",
+            _ if verdict.phase != phase => "every step refused",
             STEP if state == CLOSE => "back to the barrier",
             _ => "refused",
         });
@@ -353,6 +353,7 @@ fn agrees(test: &str, phase: u32, of_states: &[u32]) {
             lab.check(Shader::Judge, &got, &judged(&lab, &before, &list, &verdicts), |name| match name {
                 "slack" | "multiplier" | "eps" | "closing_eps" | "closing_below" | "length" | "dual_length" => ARITHMETIC,
                 "c" | "g" | "shift_c" | "shift_g" | "rounding" => ARITHMETIC,
+                "barrier_floor" => SUM,
                 _ => 0.,
             });
         }

@@ -128,7 +128,7 @@ pub fn arrays(batch: &Batch) -> Vec<(u32, &'static str)> {
 }
 
 /// Names of the members of `Progress`, integers first.
-pub const PROGRESS: [&str; 24] = [
+pub const PROGRESS: [&str; 25] = [
     "state",
     "current",
     "iterations",
@@ -141,6 +141,7 @@ pub const PROGRESS: [&str; 24] = [
     "minimise_until",
     "infeasibility",
     "mu",
+    "barrier_floor",
     "barrier",
     "smoothing",
     "eps",
@@ -215,6 +216,7 @@ impl<'a> Lab<'a> {
         let progress = Progress {
             infeasibility: float,
             mu: float,
+            barrier_floor: float,
             smoothing: float,
             eps: float,
             closing_eps: float,

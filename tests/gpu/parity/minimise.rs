@@ -137,5 +137,5 @@ fn weights_agrees_with_its_twin_in_every_phase() {
 ///
 /// * `predicted`, `cost` - predicted decrease, and weighted cost at the trial point
 pub fn minimised(lab: &Lab, s: usize, verdict: &mut Progress<f32>, predicted: f64, cost: f64) {
-    control::minimised(verdict, &limits(lab, s).minimise, predicted as f32, cost as f32);
+    control::minimised(verdict, &limits(lab, s).minimise, predicted as f32, cost as f32, lab.slots[s].problem.inequalities);
 }

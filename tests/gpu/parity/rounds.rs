@@ -165,7 +165,7 @@ fn weights_begins_rounds_as_its_twin_does() {
         }
     }
     eprintln!("states begun: {seen:?}");
-    for state in [STEP, CLOSE, EXACT, SOLVED, control::MAX_ITERATIONS, control::STALLED, control::NON_FINITE] {
+    for state in [STEP, CLOSE, EXACT, SOLVED, control::MAX_ITERATIONS, control::STALLED, control::TERMINATED_EARLY, control::NON_FINITE] {
         assert!(seen.get(&state).is_some_and(|n| *n > 2), "no round began in state {state}: {seen:?}");
     }
 }

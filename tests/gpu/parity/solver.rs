@@ -13,9 +13,7 @@ use cregopt::solver::Residuals;
 use cregopt::solver::control::{self, CLOSE, EXACT, Limits, MINIMISE, Progress, REVERT, SHORTER, SOLVED, STEP};
 use cregopt::solver::minimise::subtract_shifts;
 use cregopt::solver::objective::Objective;
-use cregopt::solver::slacks::{
-    BARRIER_FLOOR, BarrierTarget, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps,
-};
+use cregopt::solver::slacks::{BarrierTarget, FRACTION_TO_THE_BOUNDARY, Lengths, Slacks, largest, mean_product, slack_steps};
 use cregopt::solver::{advance, judge, start, weights};
 use std::collections::BTreeMap;
 
@@ -188,6 +186,9 @@ pub fn prepare_weights(lab: &Lab, s: usize, state: &mut State, random: &mut Rand
         let quiet = lab.g(s, half);
         state.values[quiet].iter_mut().for_each(|g| *g = if *g > 0. { *g } else { *g - 0.1 });
     }
+    // Nearly active: inside and outside the reach of closing steps.
+    let first = lab.g(s, half).start;
+    state.values[first..first + 2].copy_from_slice(&[-5e-5, -2e-4]);
     barrier_state(lab, s, state, random, false);
     fill(&mut state.values, lab.of_variables(s, lab.batch.scaling), random, 0.01, 30.);
     for array in [lab.batch.smoothing, lab.batch.initial] {
@@ -272,7 +273,7 @@ pub fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     let aim = BarrierTarget::predictor();
     let (mut weight, mut value) = (vec![f32::NAN; problem.rows.all()], vec![f32::NAN; problem.rows.all()]);
     if progress.state == CLOSE {
-        weights::closing_rows(problem, &c, &g, &mut weight, &mut value);
+        weights::closing_rows(problem, &c, &g, progress.infeasibility, &mut weight, &mut value);
     } else {
         weights::barrier_rows(problem, &c, &g, &slacks, aim, &mut weight, &mut value);
     }
@@ -321,6 +322,7 @@ fn correct_agrees_with_its_twin() {
             let size = if s % 4 == 0 { 1e-3 } else { 1. };
             fill(&mut state.values, by, random, -size, size);
             barrier_state(lab, s, state, random, false);
+            state.progress[s].barrier_floor = [1e-9, 0.5][s % 2];
             let flag = lab.flags(s);
             state.values[flag] = f32::from(s % 7 == 3);
         },
@@ -338,7 +340,7 @@ fn correct_agrees_with_its_twin() {
             let all = mean_product(&own, Lengths::none());
             let share = mean_product(&own, lengths_of(&own)) / all;
             let state = &mut expected.state;
-            state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(BARRIER_FLOOR as f32);
+            state.progress[s].mu = (all * share.clamp(0., 1.) * share.clamp(0., 1.)).max(state.progress[s].barrier_floor);
             let aim = BarrierTarget::corrector(got.progress[s].mu);
             // Cost rows keep their weights and values.
             let [mut weight, mut value] = [batch.weight, batch.value].map(|array| state.values[lab.of_rows(s, array)].to_vec());
