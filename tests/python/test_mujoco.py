@@ -599,11 +599,11 @@ def test_a_driven_robot_goes_down_a_step_that_the_planner_does_not_know(model: p
 
 
 def test_a_driven_robot_bears_a_load_that_it_does_not_know(model: pathlib.Path) -> None:
-    stands, load = [((0.0, 0.0, 0.0), 1.5)], (2.4, (0.0, 0.13))
+    stands, load = [((0.0, 0.0, 0.0), 1.5)], (2.8, (0.0, 0.13))
     learns, ignores = (cregopt.mujoco.drive(model, stands, load=load, settings=TROT, gains=gains) for gains in (None, cregopt.mujoco.Gains(capture=0.0)))
-    assert learns.upright and learns.load == [2.4, 0.0, 0.13], str(learns)
+    assert learns.upright and learns.load == [2.8, 0.0, 0.13], str(learns)
     # The feet of a robot that ignores the load move it away from its place.
-    assert learns.distance < 0.08 and learns.distance < 0.7 * ignores.distance, f"{learns}\n{ignores}"
+    assert learns.distance < 0.08 and learns.distance < 0.5 * ignores.distance, f"{learns}\n{ignores}"
     light = cregopt.mujoco.drive(model, stands, settings=TROT)
     assert light.load is None and light.torque_share < learns.torque_share
 
