@@ -42,7 +42,10 @@
 //! * Positions of the base and the feet must agree with each other. Where loaded feet are more than 2 cm off the terrain, or a foot
 //!   finds no ground, the terrain is corrected around them: see [`Plan::terrain`].
 
+mod alternatives;
+mod candidates;
 mod cycle;
+mod solve;
 mod touched;
 mod warm;
 
@@ -50,22 +53,21 @@ pub use cycle::{Contact, Cycle};
 
 use crate::backend::{Backend, Cpu};
 use crate::error::{Error, Result, check_range};
+use crate::gait::Trajectory;
 use crate::gait::cost::CostWeights;
-use crate::gait::family::{GaitFamily, default_families, offsets, time_scale};
+use crate::gait::family::{GaitFamily, default_families, offsets};
 use crate::gait::schedule::starts_in_swing;
 use crate::gait::trajectory::GoalVelocity;
-use crate::gait::{AlignedSchedule, Schedule, Trajectory};
+use crate::nlp::RESPONSE;
 use crate::nlp::transcription::interval;
-use crate::nlp::{Problem, RESPONSE, trajectory};
 use crate::robot::{Reach, Robot};
-use crate::search::cem::random::Draws;
 use crate::settings::{SolverSettings, TranscriptionSettings};
-use crate::solver::{Finish, Outcome, Residuals, Resume, Solver, Status, close};
+use crate::solver::Solver;
 use crate::task::{BaseState, Goal, SwingState, Task};
 use crate::terrain::Terrain;
-use crate::verify::verify_rows;
+use alternatives::Alternatives;
 use serde::{Deserialize, Serialize};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use solve::{Solved, Updating};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use touched::{APART, Touched};
@@ -79,24 +81,17 @@ const LATE: f64 = 0.01;
 const LATE_SWING: f64 = 0.5;
 /// Part of a swing that is assumed to have passed at least for a foot that should stand but is in the air: it only descends.
 const FALLING: f64 = 0.5;
-/// Range of the durations of swings and stances, relative to the typical ones of the family.
-const SWINGS: [f64; 2] = [0.75, 1.4];
-const STANCES: [f64; 2] = [0.6, 1.8];
 /// Longest time between the knots of the base by default, s.
 const LONGEST_INTERVAL: f64 = 0.1;
-/// Barrier parameter with which a motion near the one before is minimised.
-const WARM_BARRIER: f64 = 3e-4;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
-/// Part of the cost by which changed durations must be cheaper.
-const CHANGE: f64 = 0.02;
+/// Rise of the cost of the gait in force, as a factor, above which all families are tried.
+const DEARER: f64 = 1.25;
 /// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
 /// outwards, s; and by how much a box is widened at most, base heights: a robot that has fallen has no plan.
 const REACH_SLACK: f64 = 0.04;
 const OUTWARD: f64 = 0.1;
 const WIDENED: f64 = 0.25;
-/// Number of phases at which a family can be entered.
-const ENTRIES: usize = 24;
 
 /// Settings of a [`Planner`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -279,21 +274,6 @@ pub struct Update {
     pub seconds: f64,
 }
 
-/// Candidate of an update.
-struct Candidate {
-    gait: Cycle,
-    task: Task,
-    schedule: AlignedSchedule,
-}
-
-/// A candidate that was solved in f32.
-struct Solved<'a> {
-    x: Vec<f64>,
-    outcome: Outcome,
-    cost: f64,
-    transcription: &'a TranscriptionSettings,
-}
-
 /// Chooses gaits online.
 pub struct Planner {
     robot: Arc<Robot>,
@@ -312,9 +292,11 @@ pub struct Planner {
     cpu: Cpu,
     solvers: Vec<Mutex<Solver<f32>>>,
     plan: Option<Arc<Plan>>,
+    alternatives: Alternatives,
     contacts: Vec<Contact>,
     updates: u64,
-    /// Time of the last update, s.
+    /// Command and time of the last update, s.
+    command: Command,
     now: f64,
     /// Compensation of the error of the velocity, in the horizontal axes of the base, and of the yaw rate.
     compensation: [f64; 3],
@@ -348,6 +330,7 @@ impl Planner {
         solver.optimise.cost = settings.cost;
         let solvers = (0..cpu.threads()).map(|_| Mutex::default()).collect();
         let contacts = vec![Contact::STANDING; task.robot.feet()];
+        let alternatives = Alternatives::new(families.iter().map(|(family, _)| *family));
         Ok(Planner {
             robot: task.robot.clone(),
             map: task.terrain.clone(),
@@ -361,8 +344,10 @@ impl Planner {
             cpu,
             solvers,
             plan: None,
+            alternatives,
             contacts,
             updates: 0,
+            command: Command::default(),
             now: 0.,
             compensation: [0.; 3],
         })
@@ -406,18 +391,33 @@ impl Planner {
         self.check(state, command, now)?;
         let start = now + self.settings.latency;
         self.touch(state, now);
-        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(state.base.yaw()));
+        let yaw = state.base.yaw();
+        let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(yaw));
         let state = self.ahead(state, before.as_ref());
         self.update_contacts(&state, start);
-        let command = self.compensated(&state.base, command, now);
-        self.task = self.task_of(&state, &command)?;
-        let candidates = self.candidates(start)?;
+        let compensated = self.compensated(&state.base, command, now);
+        self.task = self.task_of(&state, &compensated)?;
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
-        let (mut solved, mut iterations) = self.solve(&candidates, before.as_ref(), &self.transcription, until);
+        let in_force = self.in_force().zip(before);
+        let guesses: Vec<_> = in_force.into_iter().chain(self.alternatives.guesses(start, yaw)).collect();
+        let updating = Updating { guesses: &guesses, until };
+        let steady = self.steady(start);
+        let mut candidates = self.candidates(&steady)?;
+        let (mut solved, mut iterations) = self.solve(&candidates, &updating, &self.transcription, None);
+        let limit = solve::limit(&solved);
+        if self.disturbed(command, &solved) {
+            self.alternatives.wake();
+        }
+        let others = self.candidates(&self.others(&steady))?;
+        let (of_others, more) = self.solve(&others, &updating, &self.transcription, limit);
+        candidates.extend(others);
+        solved.extend(of_others);
+        iterations += more;
         let mut count = solved.iter().flatten().count();
+        self.alternatives.learn(&candidates, &solved, start);
         let mut best = self.choose(&candidates, &mut solved);
         if best.is_none() {
-            let (mut solved, more) = self.solve(&candidates, before.as_ref(), &self.widest, until);
+            let (mut solved, more) = self.solve(&candidates, &updating, &self.widest, None);
             iterations += more;
             count += solved.iter().flatten().count();
             best = self.choose(&candidates, &mut solved);
@@ -430,6 +430,7 @@ impl Planner {
         }
         self.updates += 1;
         self.now = now;
+        self.command = *command;
         let plan = self.plan.clone().ok_or_else(|| {
             Error::invalid("state", format!("none of {} candidates holds", candidates.len()), "a state from which the robot can go on")
         })?;
@@ -608,170 +609,13 @@ impl Planner {
         (self.settings.horizon / interval).round().max(2.) * interval
     }
 
-    /// Candidates of an update: the gait in force first.
-    fn candidates(&self, start: f64) -> Result<Vec<Candidate>> {
-        let (horizon, time) = (self.horizon(), time_scale(&self.task.robot));
-        let interval = interval(&self.transcription, &self.task.robot);
-        let mut gaits = Vec::with_capacity(self.settings.candidates);
-        let current = self.plan.as_ref().map(|plan| plan.gait.after(start - plan.start));
-        gaits.extend(current);
-        let entered = self.families.iter().map(|(family, offsets)| {
-            let at = |i: usize| Cycle { phase: i as f64 / ENTRIES as f64, ..self.typical(*family) };
-            let mismatch = |cycle: &Cycle| cycle.mismatch(offsets, &self.contacts);
-            (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
-        });
-        gaits.extend(entered.flatten());
-        let swing = current.map_or(time, |gait| gait.swing);
-        gaits.push(Cycle { family: None, swing, stance: swing, phase: 0. });
-        let originals: Vec<usize> = (0..gaits.len()).filter(|&i| gaits[i].family.is_some()).collect();
-        let first = gaits.len();
-        while self.settings.change_durations && gaits.len() < self.settings.candidates {
-            // Half of the changes are of the gait in force, if it moves.
-            let number = gaits.len() - first;
-            let of = originals[if number % 2 == 0 { 0 } else { number / 2 % originals.len() }];
-            let gait = gaits[of];
-            let mut draws = Draws::new(self.settings.seed, (self.updates % (1 << 32)) as usize, gaits.len());
-            let mut change = |dimension: usize, part: f64| part * self.settings.spread * draws.normal(dimension);
-            let typical = gait.family.map_or(gait, |family| self.typical(family));
-            let within = |value: f64, typical: f64, [low, high]: [f64; 2]| value.clamp(low * typical, high * typical);
-            gaits.push(Cycle {
-                swing: within(gait.swing * change(0, 1.).exp(), typical.swing, SWINGS),
-                stance: within(gait.stance * change(1, 1.5).exp(), typical.stance, STANCES),
-                phase: (gait.phase + change(2, 0.5)).rem_euclid(1.),
-                ..gait
-            });
-        }
-        gaits.truncate(self.settings.candidates.max(1));
-        gaits
-            .into_iter()
-            .map(|gait| {
-                let schedule = gait.schedule(self.offsets(&gait), &self.contacts, horizon)?;
-                Ok(Candidate { gait, task: self.descending(&schedule), schedule: schedule.aligned(interval) })
-            })
-            .collect()
-    }
-
-    /// The task with feet in the air that descend no faster than a cubic to the ground can, in the time that a schedule gives them.
+    /// True if the gait in force became dearer or cannot go on, or if the command changed.
     ///
-    /// A cubic from height `h` with the velocity `-v` to rest on the ground after `t` stays above the ground if `v t <= 3 h`.
-    fn descending(&self, schedule: &Schedule) -> Task {
-        let mut task = self.task.clone();
-        for (state, durations) in task.start_swings.iter_mut().zip(schedule.durations()) {
-            let Some(state) = state else { continue };
-            let [x, y, z] = state.position;
-            let ground = self.task.terrain.height(x, y);
-            let time = state.rise(durations[1]).unwrap_or(durations[1]);
-            let height = (z - ground).max(0.);
-            state.position[2] = ground + height;
-            state.velocity[2] = state.velocity[2].max(-3. * height / time);
-        }
-        task
-    }
-
-    /// A family with its typical durations.
-    fn typical(&self, family: GaitFamily) -> Cycle {
-        let (typical, time) = (family.typical(self.task.robot.feet()), time_scale(&self.task.robot));
-        let swing = typical.swing * time;
-        Cycle { family: Some(family), swing, stance: swing * typical.duty / (1. - typical.duty), phase: 0. }
-    }
-
-    fn offsets(&self, gait: &Cycle) -> &[f64] {
-        let of = |family: GaitFamily| self.families.iter().find(|(name, _)| *name == family);
-        gait.family.and_then(of).or(self.families.first()).map_or(&[], |(_, offsets)| offsets)
-    }
-
-    /// Solves all candidates, in their order because a deadline drops the last ones. Returns their solutions and the number of iterations.
-    fn solve<'a>(
-        &'a self,
-        candidates: &[Candidate],
-        before: Option<&Before>,
-        transcription: &'a TranscriptionSettings,
-        until: Option<Instant>,
-    ) -> (Vec<Option<Solved<'a>>>, usize) {
-        let late = || until.is_some_and(|until| Instant::now() >= until);
-        let (next, iterations) = (AtomicUsize::new(0), AtomicUsize::new(0));
-        let results: Vec<Mutex<Option<Solved>>> = candidates.iter().map(|_| Mutex::default()).collect();
-        self.cpu.pool().scope(|scope| {
-            for solver in self.solvers.iter().take(candidates.len()) {
-                let (next, iterations, results, late) = (&next, &iterations, &results, &late);
-                scope.spawn(move |_| {
-                    let mut solver = crate::backend::locked(solver);
-                    loop {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(candidate) = candidates.get(index).filter(|_| !late()) else { break };
-                        let (solved, count) = self.solve_one(candidate, before, transcription, &mut solver, late);
-                        iterations.fetch_add(count, Ordering::Relaxed);
-                        *crate::backend::locked(&results[index]) = solved;
-                    }
-                });
-            }
-        });
-        let solved = results.into_iter().map(|result| result.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner));
-        (solved.collect(), iterations.into_inner())
-    }
-
-    /// Solves a candidate. Returns its solution, if there is one, and the number of iterations.
-    fn solve_one<'a>(
-        &self,
-        candidate: &Candidate,
-        before: Option<&Before>,
-        transcription: &'a TranscriptionSettings,
-        solver: &mut Solver<f32>,
-        late: &dyn Fn() -> bool,
-    ) -> (Option<Solved<'a>>, usize) {
-        let task = &candidate.task;
-        let problem = Problem::<f32>::with_cost(task, &candidate.schedule, transcription, self.solver.optimise.objective());
-        let finish = Finish::Infeasibility(self.solver.tolerance);
-        // The forces of another gait are of no use.
-        let continues = self.plan.as_ref().is_some_and(|plan| plan.gait.family == candidate.gait.family);
-        let outcome = match before {
-            // Near the motion before, the rows need no solve of their own before the minimisation.
-            Some(before) if continues && std::ptr::eq(transcription, &self.transcription) => {
-                let multipliers = Residuals { c: vec![0.; problem.rows.one_sided()], g: vec![0.; problem.inequalities] };
-                let (x, iterations) = (before.guess(task, &problem), self.settings.optimise_iterations);
-                let from = Resume { x: &x, multipliers: &multipliers, barrier: WARM_BARRIER, iterations };
-                solver.resume(&problem, &self.solver, finish, &from, late)
-            }
-            before => {
-                let guess = before.filter(|_| continues).map(|before| before.guess(task, &problem));
-                solver.solve(&problem, &self.solver, finish, guess.as_deref(), late)
-            }
-        };
-        let solved = outcome.status == Status::Solved;
-        let result = solved.then(|| Solved { cost: solver.cost(&problem, &self.solver), x: solver.solution(), outcome, transcription });
-        (result, outcome.iterations)
-    }
-
-    /// Motion of a solved candidate, closed in f64; `None` if its certificate is not valid.
-    fn certified(&self, candidate: &Candidate, solved: Solved) -> Option<Trajectory> {
-        let (task, robot) = (&candidate.task, &self.task.robot);
-        let problem = Problem::<f64>::new(task, &candidate.schedule, solved.transcription);
-        let (outcome, x) = close(&problem, solved.outcome, solved.x, &self.solver, &|| false);
-        if outcome.status != Status::Solved {
-            return None;
-        }
-        let motion = trajectory(task, &problem.curves, &x);
-        let report = verify_rows(&motion, robot, &task.terrain, problem.curves.force_limit).ok()?;
-        report.feasible.then_some(motion)
-    }
-
-    /// The cheapest candidate whose motion the certificate accepts; another gait than that in force must be cheaper by the hysteresis.
-    fn choose(&self, candidates: &[Candidate], solved: &mut [Option<Solved>]) -> Option<(usize, Trajectory, f64)> {
-        let in_force = self.plan.as_ref().map(|plan| plan.gait.family);
-        let value = |index: usize, cost: f64| {
-            let stays = in_force == Some(candidates[index].gait.family);
-            let unchanged = index == 0 && in_force.is_some();
-            cost * if stays { 1. - self.settings.hysteresis } else { 1. } * if unchanged { 1. } else { 1. + CHANGE }
-        };
-        loop {
-            let of = solved.iter().enumerate().filter_map(|(index, s)| s.as_ref().map(|s| (index, value(index, s.cost))));
-            let (best, _) = of.min_by(|a, b| a.1.total_cmp(&b.1))?;
-            let found = solved[best].take()?;
-            let cost = found.cost;
-            if let Some(motion) = self.certified(&candidates[best], found) {
-                return Some((best, motion, cost));
-            }
-        }
+    /// * `steady` - solutions of the gait in force and of standing
+    fn disturbed(&self, command: &Command, steady: &[Option<Solved>]) -> bool {
+        let Some(plan) = &self.plan else { return true };
+        let cost = steady.first().and_then(|s| s.as_ref()).map(|s| s.cost);
+        *command != self.command || cost.is_none_or(|cost| cost > DEARER * plan.cost)
     }
 }
 

@@ -251,7 +251,7 @@ impl<'a> Minimiser<'a> {
     fn new(space: Space<'a>, weights: &'a CostWeights, settings: &SolverSettings, effort: Effort) -> Self {
         // Without iterations of its own a minimisation has no weight for the cost.
         let iterations = settings.optimise.iterations.max(effort.first);
-        let optimise = OptimiseSettings { iterations, cost: *weights, ..settings.optimise.clone() };
+        let optimise = OptimiseSettings { iterations, cost: *weights, cost_limit: None, ..settings.optimise.clone() };
         let settings = SolverSettings { optimise, ..settings.clone() };
         let outcome = Outcome { status: Status::Solved, iterations: 0, factorisations: 0, infeasibility: 0. };
         Minimiser { space, weights, settings, effort, solver: Solver::default(), outcome, minimisations: 0 }

@@ -448,7 +448,8 @@ pub fn revert<T: Real>(progress: &mut Progress<T>) {
     progress.infeasibility = progress.solved_infeasibility;
 }
 
-/// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, rounds absolute values less as
+/// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost (a resumed one without the rows,
+/// which only the CPU has), rounds absolute values less as
 /// the barrier falls, and keeps the barrier in proportion to the predicted fall.
 ///
 /// * `predicted` - decrease of merit and cost that the linear model predicted for the step
@@ -458,7 +459,9 @@ pub fn minimised<T: Real>(progress: &mut Progress<T>, minimise: &Minimisation<T>
     let sharp = progress.rounding <= minimise.rounding_floor;
     // Only a long step says how far the optimum is.
     let trusted = minimise.weight > T::zero() && sharp && progress.length > T::of(TRUSTED_LENGTH);
-    if cost > minimise.cost_limit || (trusted && predicted < minimise.tolerance * cost) {
+    if cost > minimise.cost_limit && !can_revert(progress) {
+        progress.state = TERMINATED_EARLY;
+    } else if cost > minimise.cost_limit || (trusted && predicted < minimise.tolerance * cost) {
         progress.phase = RESTORE_NEXT;
     }
     progress.rounding = minimise.rounding_at(progress.mu);
@@ -1032,8 +1035,12 @@ mod tests {
         for (cost, expected) in [(2., MINIMISE), (2.1, RESTORE_NEXT)] {
             let mut progress = progress;
             minimised(&mut progress, &LIMITS.minimise, 1., cost, 100);
-            assert_eq!(progress.phase, expected, "cost {cost}");
+            assert_eq!((progress.state, progress.phase), (STEP, expected), "cost {cost}");
         }
+        // A resumed minimisation has no solved point, and ends at once.
+        let mut resumed = Progress { minimise_iterations: 0, ..progress };
+        minimised(&mut resumed, &LIMITS.minimise, 1., 2.1, 100);
+        assert_eq!((resumed.state, resumed.phase), (TERMINATED_EARLY, MINIMISE));
         // Smoothing alone has no optimality test.
         let mut smooth = Progress { rounding: 1e-3, ..progress };
         minimised(&mut smooth, &Minimisation { weight: 0., ..LIMITS.minimise }, -1., 0., 100);
