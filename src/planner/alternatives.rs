@@ -23,7 +23,8 @@ struct Alternative {
 
 /// All families, and standing.
 ///
-/// A family without a candidate that holds, or whose cost is too high, rests for 1, 2, 4, then 8 updates.
+/// A family without a candidate that holds, or whose cost is too high, rests for 1, 2, 4, then 8 updates, and one more for each family
+/// before it in the list, so that not all are tried at once.
 pub(super) struct Alternatives {
     of: Vec<Alternative>,
 }
@@ -37,6 +38,11 @@ impl Alternatives {
     /// True if the family is tried at the next update.
     pub fn is_due(&self, family: GaitFamily) -> bool {
         self.of.iter().any(|one| one.family == Some(family) && one.left == 0)
+    }
+
+    /// True if a candidate of the family held at the last update.
+    pub fn holds(&self, family: Option<GaitFamily>) -> bool {
+        self.of.iter().any(|one| one.family == family && one.motion.is_some())
     }
 
     /// Tries all families at the next update.
@@ -54,7 +60,7 @@ impl Alternatives {
 
     /// Keeps the motions of the cheapest candidates of an update.
     pub fn learn(&mut self, candidates: &[Candidate], solved: &[Option<Solved>], start: f64) {
-        for one in &mut self.of {
+        for (number, one) in self.of.iter_mut().enumerate() {
             one.motion = None;
             if one.left > 0 {
                 one.left -= 1;
@@ -68,7 +74,7 @@ impl Alternatives {
                     (one.left, one.rest) = (0, 1);
                 }
                 None => {
-                    one.left = one.rest;
+                    one.left = one.rest + number as u32;
                     one.rest = (2 * one.rest).min(LONGEST_REST);
                 }
             }
@@ -82,19 +88,21 @@ mod tests {
 
     #[test]
     fn a_family_without_a_solution_rests_longer_and_longer_until_it_is_woken() {
-        let mut alternatives = Alternatives::new([GaitFamily::Trot].into_iter());
-        let due = |count: usize, alternatives: &mut Alternatives| -> Vec<usize> {
-            let at = |update: &usize| {
-                let due = alternatives.is_due(GaitFamily::Trot);
-                alternatives.learn(&[], &[], *update as f64);
-                due
-            };
-            (0..count).filter(at).collect()
+        let families = [GaitFamily::Trot, GaitFamily::Walk];
+        let mut alternatives = Alternatives::new(families.into_iter());
+        let due = |count: usize, alternatives: &mut Alternatives| -> [Vec<usize>; 2] {
+            let mut due = [Vec::new(), Vec::new()];
+            for update in 0..count {
+                let now = families.map(|family| alternatives.is_due(family));
+                due.iter_mut().zip(now).filter(|(_, now)| *now).for_each(|(due, _)| due.push(update));
+                alternatives.learn(&[], &[], update as f64);
+            }
+            due
         };
-        assert_eq!(due(30, &mut alternatives), [0, 2, 5, 10, 19, 28]);
+        assert_eq!(due(30, &mut alternatives), [vec![0, 2, 5, 10, 19, 28], vec![0, 3, 7, 13, 23]]);
         alternatives.wake();
-        assert_eq!(due(6, &mut alternatives), [0, 2, 5]);
-        assert!(!alternatives.is_due(GaitFamily::Walk));
+        assert_eq!(due(6, &mut alternatives), [vec![0, 2, 5], vec![0, 3]]);
+        assert!(!alternatives.is_due(GaitFamily::Pace));
         assert_eq!(alternatives.guesses(0., 0.).count(), 0);
     }
 }

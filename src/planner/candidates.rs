@@ -33,7 +33,7 @@ impl Planner {
         current.into_iter().chain((!stands).then_some(standing)).take(self.settings.candidates).collect()
     }
 
-    /// Gaits beside the steady ones: the families that are due, then changes of all gaits.
+    /// Gaits beside the steady ones: the families that are due, then changes of those that held at the last update.
     pub(super) fn others(&self, steady: &[Cycle]) -> Vec<Cycle> {
         let mut gaits = steady.to_vec();
         let due = self.families.iter().filter(|(family, _)| self.alternatives.is_due(*family));
@@ -42,7 +42,9 @@ impl Planner {
             let mismatch = |cycle: &Cycle| cycle.mismatch(offsets, &self.contacts);
             (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
         }));
-        let originals: Vec<usize> = (0..gaits.len()).filter(|&i| gaits[i].family.is_some()).collect();
+        // A gait that has just been found cheap is worth changing; at first any one is.
+        let near = |gait: &Cycle| self.plan.is_none() || self.in_force() == Some(gait.family) || self.alternatives.holds(gait.family);
+        let originals: Vec<usize> = (0..gaits.len()).filter(|&i| gaits[i].family.is_some() && near(&gaits[i])).collect();
         let first = gaits.len();
         while self.settings.change_durations && !originals.is_empty() && gaits.len() < self.settings.candidates {
             // Half of the changes are of the gait in force, if it moves.

@@ -1,11 +1,13 @@
 //! Planning online: the gait is chosen again many times a second, from any state.
 //!
-//! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is being
-//! performed, from the point where it is; the same with changed durations; all families, entered at the phase in which the feet are; and
-//! standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for is a cost,
-//! beside that of [`crate::gait::cost`]. The gait in force is solved from the motion planned before, any other one from its own first
-//! guess. The cheapest candidate wins; a change of the family must pay for itself. If no candidate holds, legs may stretch to the end of
-//! their reach; if none holds even then, the plan before stays.
+//! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is
+//! being performed, from the point where it is; the same with changed durations; the families, entered at the phase in which the feet
+//! are; and standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for
+//! is a cost, beside that of [`crate::gait::cost`]. A gait is solved from the motion that its family had at the last update, or from its
+//! own first guess. The cheapest candidate wins; a change of the family must pay for itself. The gait in force and standing are solved
+//! first; a candidate that is much dearer after the first iterations is dropped, and a family that lost in this way rests for some
+//! updates. All families are tried when the command changes or the gait in force becomes dearer, as after a push. If no candidate holds,
+//! legs may stretch to the end of their reach; if none holds even then, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -86,7 +88,7 @@ const LONGEST_INTERVAL: f64 = 0.1;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
 /// Rise of the cost of the gait in force, as a factor, above which all families are tried.
-const DEARER: f64 = 1.25;
+const DEARER: f64 = 1.5;
 /// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
 /// outwards, s; and by how much a box is widened at most, base heights: a robot that has fallen has no plan.
 const REACH_SLACK: f64 = 0.04;
@@ -104,7 +106,7 @@ pub struct PlannerSettings {
     pub interval: Option<f64>,
     /// Number of cubics of the force of a stance, at least 2. See [`TranscriptionSettings::force_pieces`].
     pub force_pieces: usize,
-    /// Number of candidates of an update.
+    /// Largest number of candidates of an update.
     pub candidates: usize,
     /// Families to choose from, in addition to standing. `None`: those of [`default_families`].
     pub families: Option<Vec<GaitFamily>>,

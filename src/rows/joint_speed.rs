@@ -15,6 +15,7 @@ use super::write::Rows;
 use super::{RowKind, Spec};
 use crate::real::Real;
 use crate::terrain::Ground;
+use multiversion::multiversion;
 
 /// One row per joint.
 pub const SPEC: Spec = Spec { rows: 3, pairs: 0, kind: RowKind::Cost, unit: "" };
@@ -50,7 +51,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 ///
 /// * `residual` - out, by row: one per joint
 /// * `jacobian` - out, three rows at each place
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn joint_speed<T: Real>(
     tables: &Tables<T>,
     x: &[T],

@@ -16,6 +16,7 @@ use super::{RowKind, Spec};
 use crate::gait::cost::LEAST_LEG;
 use crate::real::Real;
 use crate::terrain::Ground;
+use multiversion::multiversion;
 
 /// Along the leg, across it.
 pub const SPEC: Spec = Spec { rows: 2, pairs: 0, kind: RowKind::Cost, unit: "m/s" };
@@ -47,7 +48,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 ///
 /// * `residual` - out, by row: along, across, m/s
 /// * `jacobian` - out, two rows at each place
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn stance_power<T: Real>(
     tables: &Tables<T>,
     x: &[T],

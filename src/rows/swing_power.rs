@@ -12,6 +12,7 @@ use super::write::Rows;
 use super::{RowKind, Spec};
 use crate::real::Real;
 use crate::terrain::Ground;
+use multiversion::multiversion;
 
 /// One row.
 pub const SPEC: Spec = Spec { rows: 1, pairs: 0, kind: RowKind::Cost, unit: "m/s" };
@@ -43,7 +44,7 @@ pub(super) fn place<T: Real>(tables: &mut Tables<T>, entry: usize, at: &Placed) 
 ///
 /// * `residual` - out, by row, m/s
 /// * `jacobian` - out, one row at each place
-#[inline(always)]
+#[multiversion(targets("x86_64+avx2+fma"))]
 pub fn swing_power<T: Real>(
     tables: &Tables<T>,
     x: &[T],
