@@ -5,9 +5,9 @@
 //! are; and standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for
 //! is a cost, beside that of [`crate::gait::cost`]. A gait is solved from the motion that its family had at the last update, or from its
 //! own first guess. The cheapest candidate wins; a change of the family must pay for itself. The gait in force and standing are solved
-//! first; a candidate that is much dearer after the first iterations is dropped, and a family that lost in this way rests for some
-//! updates. All families are tried when the command changes or the gait in force becomes dearer, as after a push. If no candidate holds,
-//! legs may stretch to the end of their reach; if none holds even then, the plan before stays.
+//! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
+//! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
+//! candidate holds, legs may stretch to the end of their reach; if none holds even then, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -88,7 +88,7 @@ const LONGEST_INTERVAL: f64 = 0.1;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
 /// Rise of the cost of the gait in force, as a factor, above which all families are tried.
-const DEARER: f64 = 1.5;
+const COST_RISE: f64 = 1.5;
 /// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
 /// outwards, s; and by how much a box is widened at most, base heights: a robot that has fallen has no plan.
 const REACH_SLACK: f64 = 0.04;
@@ -611,13 +611,13 @@ impl Planner {
         (self.settings.horizon / interval).round().max(2.) * interval
     }
 
-    /// True if the gait in force became dearer or cannot go on, or if the command changed.
+    /// True if the gait in force became more expensive or cannot go on, or if the command changed.
     ///
     /// * `steady` - solutions of the gait in force and of standing
     fn disturbed(&self, command: &Command, steady: &[Option<Solved>]) -> bool {
         let Some(plan) = &self.plan else { return true };
         let cost = steady.first().and_then(|s| s.as_ref()).map(|s| s.cost);
-        *command != self.command || cost.is_none_or(|cost| cost > DEARER * plan.cost)
+        *command != self.command || cost.is_none_or(|cost| cost > COST_RISE * plan.cost)
     }
 }
 

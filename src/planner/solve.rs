@@ -118,7 +118,7 @@ impl Planner {
         let iterations = outcome.iterations + rows.as_ref().map_or(0, |(.., outcome)| outcome.iterations);
         let best = match outcome.status {
             Status::Solved => Some(found(solver, outcome)),
-            // It is too dear.
+            // It is too expensive.
             Status::TerminatedEarly => None,
             _ => rows,
         };
