@@ -49,7 +49,7 @@ impl Planner {
         while self.settings.change_durations && !originals.is_empty() && gaits.len() < self.settings.candidates {
             // Half of the changes are of the gait in force, if it moves.
             let number = gaits.len() - first;
-            let of = originals[if number % 2 == 0 { 0 } else { number / 2 % originals.len() }];
+            let of = originals[if number.is_multiple_of(2) { 0 } else { number / 2 % originals.len() }];
             let gait = gaits[of];
             let mut draws = Draws::new(self.settings.seed, (self.updates % (1 << 32)) as usize, gaits.len());
             let mut change = |dimension: usize, part: f64| part * self.settings.spread * draws.normal(dimension);
