@@ -74,7 +74,8 @@ impl Alternatives {
                     (one.left, one.rest) = (0, 1);
                 }
                 None => {
-                    one.left = one.rest + number as u32;
+                    // Standing is solved at every update.
+                    one.left = one.family.map_or(0, |_| one.rest + number as u32);
                     one.rest = (2 * one.rest).min(LONGEST_REST);
                 }
             }

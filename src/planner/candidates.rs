@@ -105,3 +105,23 @@ impl Planner {
         gait.family.and_then(of).or(self.families.first()).map_or(&[], |(_, offsets)| offsets)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::planner::{Command, PlannerSettings, RobotState};
+    use crate::robot::Robot;
+    use crate::terrain::Terrain;
+
+    #[test]
+    fn families_that_lost_rest_until_the_command_changes() {
+        let mut planner = Planner::new(Robot::named("anymal").unwrap(), Terrain::flat(), PlannerSettings::default()).unwrap();
+        let (state, families) = (RobotState::standing(&planner.task), planner.families.len());
+        let stand = Command::default();
+        let mut candidates = |command: &Command, now: f64| planner.update(&state, command, now).unwrap().candidates;
+        assert_eq!(candidates(&stand, 0.), PlannerSettings::default().candidates);
+        // Standing costs much less than any gait.
+        assert_eq!(candidates(&stand, 0.02), 1);
+        assert_eq!(candidates(&Command { velocity: [0.5, 0.], ..stand }, 0.04), 1 + families);
+    }
+}
