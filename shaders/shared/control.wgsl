@@ -140,7 +140,9 @@ fn minimised(before: Progress, predicted: f32, cost: f32, inequalities: u32) -> 
     let sharp = progress.rounding <= batch.rounding_floor;
     // Only a long step says how far the optimum is.
     let trusted = batch.cost_weight > 0.0 && sharp && progress.length > TRUSTED_LENGTH;
-    if (cost > batch.cost_limit || (trusted && predicted < batch.minimise_tolerance * cost)) {
+    if (cost > batch.cost_limit && progress.minimise_iterations == 0u) {
+        progress.state = TERMINATED_EARLY;
+    } else if (cost > batch.cost_limit || (trusted && predicted < batch.minimise_tolerance * cost)) {
         progress.phase = RESTORE_NEXT;
     }
     let part = min(sqrt(progress.mu / batch.minimise_barrier), 1.0);

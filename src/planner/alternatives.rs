@@ -10,9 +10,8 @@ use crate::nlp::trajectory;
 /// Largest number of updates without a family.
 const LONGEST_REST: u32 = 8;
 
-/// A family, or standing.
 struct Alternative {
-    family: Option<GaitFamily>,
+    family: GaitFamily,
     /// Motion of its cheapest candidate at the last update, and the time at which the motion starts, s.
     motion: Option<(f64, Trajectory)>,
     /// Number of updates until it is tried again.
@@ -21,7 +20,7 @@ struct Alternative {
     rest: u32,
 }
 
-/// All families, and standing.
+/// All families.
 ///
 /// A family without a candidate that holds, or whose cost is too high, rests for 1, 2, 4, then 8 updates, and one more for each family
 /// before it in the list, so that not all are tried at once.
@@ -31,17 +30,16 @@ pub(super) struct Alternatives {
 
 impl Alternatives {
     pub fn new(families: impl Iterator<Item = GaitFamily>) -> Alternatives {
-        let of = families.map(Some).chain([None]);
-        Alternatives { of: of.map(|family| Alternative { family, motion: None, left: 0, rest: 1 }).collect() }
+        Alternatives { of: families.map(|family| Alternative { family, motion: None, left: 0, rest: 1 }).collect() }
     }
 
     /// True if the family is tried at the next update.
     pub fn is_due(&self, family: GaitFamily) -> bool {
-        self.of.iter().any(|one| one.family == Some(family) && one.left == 0)
+        self.of.iter().any(|one| one.family == family && one.left == 0)
     }
 
     /// True if a candidate of the family held at the last update.
-    pub fn holds(&self, family: Option<GaitFamily>) -> bool {
+    pub fn holds(&self, family: GaitFamily) -> bool {
         self.of.iter().any(|one| one.family == family && one.motion.is_some())
     }
 
@@ -53,7 +51,7 @@ impl Alternatives {
     /// Motions of the last update, from a start on.
     ///
     /// * `yaw` - measured, rad
-    pub fn guesses(&self, start: f64, yaw: f64) -> impl Iterator<Item = (Option<GaitFamily>, Before)> {
+    pub fn guesses(&self, start: f64, yaw: f64) -> impl Iterator<Item = (GaitFamily, Before)> {
         let motions = self.of.iter().filter_map(|one| Some((one.family, one.motion.as_ref()?)));
         motions.map(move |(family, (begin, motion))| (family, Before::new(motion, start - begin).turned_to(yaw)))
     }
@@ -66,7 +64,7 @@ impl Alternatives {
                 one.left -= 1;
                 continue;
             }
-            let of = candidates.iter().zip(solved).filter(|(candidate, _)| candidate.gait.family == one.family);
+            let of = candidates.iter().zip(solved).filter(|(candidate, _)| candidate.gait.family == Some(one.family));
             let holds = of.filter_map(|(candidate, solved)| Some((candidate, solved.as_ref()?)));
             match holds.min_by(|(_, a), (_, b)| a.cost.total_cmp(&b.cost)) {
                 Some((candidate, best)) => {
@@ -74,8 +72,7 @@ impl Alternatives {
                     (one.left, one.rest) = (0, 1);
                 }
                 None => {
-                    // Standing is solved at every update.
-                    one.left = one.family.map_or(0, |_| one.rest + number as u32);
+                    one.left = one.rest + number as u32;
                     one.rest = (2 * one.rest).min(LONGEST_REST);
                 }
             }

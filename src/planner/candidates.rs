@@ -43,8 +43,8 @@ impl Planner {
             (0..ENTRIES).map(at).min_by(|a, b| mismatch(a).total_cmp(&mismatch(b)))
         }));
         // A gait that has just been found cheap is worth changing; at first any one is.
-        let near = |gait: &Cycle| self.plan.is_none() || self.in_force() == Some(gait.family) || self.alternatives.holds(gait.family);
-        let originals: Vec<usize> = (0..gaits.len()).filter(|&i| gaits[i].family.is_some() && near(&gaits[i])).collect();
+        let near = |family| self.plan.is_none() || self.in_force() == Some(Some(family)) || self.alternatives.holds(family);
+        let originals: Vec<usize> = (0..gaits.len()).filter(|&i| gaits[i].family.is_some_and(near)).collect();
         let first = gaits.len();
         while self.settings.change_durations && !originals.is_empty() && gaits.len() < self.settings.candidates {
             // Half of the changes are of the gait in force, if it moves.

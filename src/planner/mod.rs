@@ -400,16 +400,17 @@ impl Planner {
         let compensated = self.compensated(&state.base, command, now);
         self.task = self.task_of(&state, &compensated)?;
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
-        let in_force = self.in_force().zip(before);
-        let guesses: Vec<_> = in_force.into_iter().chain(self.alternatives.guesses(start, yaw)).collect();
-        let updating = Updating { guesses: &guesses, until };
+        let mut guesses: Vec<_> = self.in_force().zip(before).into_iter().collect();
         let steady = self.steady(start);
         let mut candidates = self.candidates(&steady)?;
-        let (mut solved, mut iterations) = self.solve(&candidates, &updating, &self.transcription, None);
+        let (mut solved, mut iterations) = self.solve(&candidates, &Updating { guesses: &guesses, until }, &self.transcription, None);
         let limit = solve::limit(&solved);
         if self.disturbed(command, &solved) {
             self.alternatives.wake();
+        } else {
+            guesses.extend(self.alternatives.guesses(start, yaw).map(|(family, motion)| (Some(family), motion)));
         }
+        let updating = Updating { guesses: &guesses, until };
         let others = self.candidates(&self.others(&steady))?;
         let (of_others, more) = self.solve(&others, &updating, &self.transcription, limit);
         candidates.extend(others);

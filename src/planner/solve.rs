@@ -24,7 +24,7 @@ const CHANGE: f64 = 0.02;
 
 /// Data of one update.
 pub(super) struct Updating<'a> {
-    /// Motions before, of the families that have one.
+    /// Motions before, of the families that have one; `None`: standing.
     pub guesses: &'a [(Option<GaitFamily>, Before)],
     /// Deadline.
     pub until: Option<Instant>,
@@ -164,7 +164,10 @@ impl Planner {
     }
 }
 
-/// Cost above which other candidates are dropped.
+/// Cost above which other candidates are dropped, if the gait in force goes on.
+///
+/// * `steady` - solutions of the gait in force and of standing
 pub(super) fn limit(steady: &[Option<Solved>]) -> Option<f64> {
-    steady.iter().flatten().map(|s| MOST * s.cost).min_by(f64::total_cmp)
+    let in_force = steady.first()?.as_ref()?.cost;
+    Some(MOST * steady.iter().flatten().map(|s| s.cost).fold(in_force, f64::min))
 }

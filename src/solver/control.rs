@@ -450,7 +450,7 @@ pub fn revert<T: Real>(progress: &mut Progress<T>) {
 
 /// Updates the minimisation after an accepted step: ends it near the optimum or above the limit of the cost, rounds absolute values less as
 /// the barrier falls, and keeps the barrier in proportion to the predicted fall. Above the limit, a resumed minimisation ends the solve,
-/// because it has no solved point; only the CPU has resumed ones.
+/// because it has no solved point.
 ///
 /// * `predicted` - decrease of merit and cost that the linear model predicted for the step
 /// * `cost` - weighted cost at the new point
