@@ -10,13 +10,14 @@ use crate::nlp::trajectory;
 /// Largest number of updates without a family.
 const LONGEST_REST: u32 = 8;
 
+/// State of one family.
 struct Alternative {
     family: GaitFamily,
     /// Motion of its cheapest candidate at the last update, and the time at which the motion starts, s.
     motion: Option<(f64, Trajectory)>,
     /// Number of updates until it is tried again.
     left: u32,
-    /// Number of updates without it after the next one in which no candidate of it holds.
+    /// Number of updates for which it rests if no candidate of it holds at the next one.
     rest: u32,
 }
 

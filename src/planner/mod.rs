@@ -418,12 +418,12 @@ impl Planner {
         iterations += more;
         let mut count = solved.iter().flatten().count();
         self.alternatives.learn(&candidates, &solved, start);
-        let mut best = self.choose(&candidates, &mut solved);
+        let mut best = self.choose(&candidates, &mut solved, &self.transcription);
         if best.is_none() {
             let (mut solved, more) = self.solve(&candidates, &updating, &self.widest, None);
             iterations += more;
             count += solved.iter().flatten().count();
-            best = self.choose(&candidates, &mut solved);
+            best = self.choose(&candidates, &mut solved, &self.widest);
         }
         let renewed = best.is_some();
         if let Some((index, motion, cost)) = best {

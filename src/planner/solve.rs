@@ -47,7 +47,6 @@ pub(super) struct Solved {
     pub curves: Curves,
     pub cost: f64,
     outcome: Outcome,
-    transcription: TranscriptionSettings,
 }
 
 impl Planner {
@@ -122,14 +121,13 @@ impl Planner {
             Status::TerminatedEarly => None,
             _ => rows,
         };
-        let transcription = transcription.clone();
-        (best.map(|(x, cost, outcome)| Solved { x, curves: problem.curves, cost, outcome, transcription }), iterations)
+        (best.map(|(x, cost, outcome)| Solved { x, curves: problem.curves, cost, outcome }), iterations)
     }
 
     /// Motion of a solved candidate, closed in f64; `None` if its certificate is not valid.
-    fn certified(&self, candidate: &Candidate, solved: Solved) -> Option<Trajectory> {
+    fn certified(&self, candidate: &Candidate, solved: Solved, transcription: &TranscriptionSettings) -> Option<Trajectory> {
         let (task, robot) = (&candidate.task, &self.task.robot);
-        let problem = Problem::<f64>::new(task, &candidate.schedule, &solved.transcription);
+        let problem = Problem::<f64>::new(task, &candidate.schedule, transcription);
         let (outcome, x) = close(&problem, solved.outcome, solved.x, &self.solver, &|| false);
         if outcome.status != Status::Solved {
             return None;
@@ -145,7 +143,14 @@ impl Planner {
     }
 
     /// The cheapest candidate whose motion the certificate accepts; another gait than that in force must be cheaper by the hysteresis.
-    pub(super) fn choose(&self, candidates: &[Candidate], solved: &mut [Option<Solved>]) -> Option<(usize, Trajectory, f64)> {
+    ///
+    /// * `transcription` - with which the candidates were solved
+    pub(super) fn choose(
+        &self,
+        candidates: &[Candidate],
+        solved: &mut [Option<Solved>],
+        transcription: &TranscriptionSettings,
+    ) -> Option<(usize, Trajectory, f64)> {
         let in_force = self.in_force();
         let value = |index: usize, cost: f64| {
             let stays = in_force == Some(candidates[index].gait.family);
@@ -157,7 +162,7 @@ impl Planner {
             let (best, _) = of.min_by(|a, b| a.1.total_cmp(&b.1))?;
             let found = solved[best].take()?;
             let cost = found.cost;
-            if let Some(motion) = self.certified(&candidates[best], found) {
+            if let Some(motion) = self.certified(&candidates[best], found, transcription) {
                 return Some((best, motion, cost));
             }
         }
