@@ -183,29 +183,44 @@ impl<'a> Descent<'a> {
                 if tried == steps || self.ended || cancel() {
                     return;
                 }
-                tried += 1;
                 let curvature = self.history.curvature(other_curvature(&self.history));
                 let Some(step) = convex::solve(&linear, &model, &curvature, &self.length, self.trust) else { return };
-                if self.moved(&step, &scaled, cancel) {
+                // A step that cannot be made costs nothing, so it does not count.
+                let Some(point) = self.minimiser.after(&self.now.point, &self.moves, &step.by) else {
+                    self.shrink(&step);
+                    continue;
+                };
+                tried += 1;
+                if self.moved(point, &step, &scaled, cancel) {
                     break;
                 }
             }
         }
     }
 
+    /// Largest part of a step, in trust lengths.
+    fn length_of(&self, step: &Step) -> f64 {
+        step.by.iter().zip(&self.length).map(|(d, l)| (d / l).abs()).fold(0., f64::max)
+    }
+
+    /// Makes the trust region smaller than a step.
+    fn shrink(&mut self, step: &Step) {
+        self.trust = 0.5 * self.length_of(step).min(self.trust);
+    }
+
     /// Tries a step. Returns true if the best motion is another one now.
     ///
+    /// * `point` - the best motion with the durations after the step
     /// * `slope` - derivatives at the best motion, in trust lengths
-    fn moved(&mut self, step: &Step, slope: &[f64], cancel: &dyn Fn() -> bool) -> bool {
-        let next = self.minimiser.moved(&self.now, &self.moves, &step.by, cancel);
+    fn moved(&mut self, point: Point, step: &Step, slope: &[f64], cancel: &dyn Fn() -> bool) -> bool {
+        let next = self.minimiser.optimum(point, Some(&self.now.multipliers), cancel);
         let fall = next.as_ref().map_or(f64::NEG_INFINITY, |next| self.now.cost - next.cost);
         let (ratio, trust, cost) = (fall / step.predicted, self.trust, self.now.cost);
         trace!("cost {cost:.5}, predicted fall {:.5}, fall {fall:.5}, trust {trust:.3}", step.predicted);
         let by = relative(&step.by, &self.length, |d, l| d / l);
-        let went = by.iter().map(|d| d.abs()).fold(0., f64::max);
         if ratio < RATIOS[0] {
-            self.trust = 0.5 * went.min(trust);
-        } else if ratio > RATIOS[1] && went > 0.9 * trust {
+            self.shrink(step);
+        } else if ratio > RATIOS[1] && self.length_of(step) > 0.9 * trust {
             self.trust = (2. * trust).min(TRUST[1]);
         }
         match next {
@@ -257,19 +272,16 @@ impl<'a> Minimiser<'a> {
         Minimiser { space, weights, settings, effort, solver: Solver::default(), outcome, minimisations: 0 }
     }
 
-    /// Motion of least cost after a step along the moves; `None` if its rows cannot be solved, or if a phase becomes too short, see
-    /// [`Space::lasts`]: the limits of the phases are linear in the moves, but their durations are not.
-    fn moved(&mut self, from: &Optimum, moves: &[Move], step: &[f64], cancel: &dyn Fn() -> bool) -> Option<Optimum> {
-        let mut v = from.point.v.clone();
+    /// Motion after a step along the moves, not minimised yet; `None` if a phase becomes too short, see [`Space::lasts`]: the limits of
+    /// the phases are linear in the moves, but their durations are not.
+    fn after(&self, from: &Point, moves: &[Move], step: &[f64]) -> Option<Point> {
+        let mut v = from.v.clone();
         for (m, step) in moves.iter().zip(step) {
             m.by.iter().for_each(|(at, by)| v[*at] += by * step);
         }
-        self.space.keep_impulses(&from.point.v, &mut v);
+        self.space.keep_impulses(&from.v, &mut v);
         let point = self.space.point(v).ok()?;
-        if !self.space.lasts(&point.schedule, &from.point.schedule) {
-            return None;
-        }
-        self.optimum(point, Some(&from.multipliers), cancel)
+        self.space.lasts(&point.schedule, &from.schedule).then_some(point)
     }
 
     /// Minimises the cost of the motion with the durations of `point`; `None` if its rows cannot be solved.
