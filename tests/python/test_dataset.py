@@ -70,6 +70,17 @@ def test_a_reference_moves_as_its_plan_does(data: pathlib.Path, model: pathlib.P
         assert np.quantile(apart, 0.99) < 0.02 * np.abs(velocity).max() and apart.max() < 0.2 * np.abs(velocity).max()
 
 
+def test_motions_that_begin_and_end_moving_are_followed(data: pathlib.Path, model: pathlib.Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plans = [json.loads(line) for line in (data / "small" / "gaits" / "00000.jsonl").read_text().splitlines()]
+    speeds = [np.linalg.norm(cregopt.Trajectory.from_dict(plan).sample(rate=RATE).base_velocity[[0, -1]], axis=1) for plan in plans]
+    assert any(start > 0.05 and end > 0.05 for start, end in speeds)
+    reports = cregopt.mujoco.play_dataset(data, "small", model, seed=1)
+    assert list(reports) == [f"small-00000-{number:05}" for number in range(len(plans))]
+    assert all(report.followed and report.position_error_max < 0.03 for report in reports.values())
+    code, _ = main(["dataset", str(data), "--robot", "small", "--model", str(model), "--play", "--most", "2", "--seed", "1"])
+    assert code == 0 and capsys.readouterr().out.splitlines()[-1] == "2 of 2 motions followed"
+
+
 class StandIn:
     """NumPy in the place of PyTorch, for the few calls of the loader."""
 

@@ -8,7 +8,7 @@ import sys
 from typing import Any, Optional, Sequence, Union
 
 from .. import Error, Robot, Terrain
-from . import DriveReport, Report, drive, export, play, random_drive, robot
+from . import DriveReport, Report, drive, export, play, play_dataset, random_drive, robot
 from ._dataset import FORMS
 
 UPRIGHT, FALLEN, BAD_INPUT = 0, 3, 4
@@ -75,16 +75,21 @@ def drive_arguments() -> argparse.ArgumentParser:
 def dataset_arguments() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m cregopt.mujoco dataset",
-        description="Writes the motions of `cregopt dataset` as references of a MuJoCo model, in the files that trainers of policies read.",
-        epilog="Exit codes: 0 written, 2 usage, 4 bad file or MuJoCo missing.",
+        description="Writes the motions of `cregopt dataset` as references of a MuJoCo model, in the files that trainers of policies read, "
+        "or plays them.",
+        epilog="Exit codes: 0 written, or upright to the end of all motions, 2 usage, 3 fallen, 4 bad file or MuJoCo missing.",
     )
     parser.add_argument("folder", help="folder of the data set")
     parser.add_argument("--robot", required=True, metavar="NAME", help="robot of the data set: name of its folder")
     parser.add_argument("--model", required=True, metavar="FILE", help="MuJoCo model of the robot, that of the trainer")
     parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet, in the robot's order [default: found]")
     parser.add_argument("--format", choices=FORMS, default=FORMS[0], help="mjlab: one file per motion; loco-mujoco: one file [default: mjlab]")
-    parser.add_argument("--out", required=True, metavar="PATH", help="folder for mjlab, file (.npz) for loco-mujoco")
+    action = parser.add_mutually_exclusive_group(required=True)
+    action.add_argument("--out", metavar="PATH", help="folder for mjlab, file (.npz) for loco-mujoco")
+    action.add_argument("--play", action="store_true", help="play the motions on the model, which needs motors")
     parser.add_argument("--most", type=int, metavar="N", help="largest number of motions [default: all]")
+    parser.add_argument("--seed", type=int, help="with --play: seed of small disturbances of start, masses and friction [default: none]")
+    parser.add_argument("--json", action="store_true", help="with --play: print the reports as JSON")
     return parser
 
 
@@ -92,10 +97,19 @@ def run_dataset(given: Sequence[str]) -> int:
     options = dataset_arguments().parse_args(given)
     feet = options.feet.split(",") if options.feet else None
     try:
-        print(export(options.folder, options.robot, options.model, options.out, options.format, feet=feet, most=options.most))
+        if not options.play:
+            print(export(options.folder, options.robot, options.model, options.out, options.format, feet=feet, most=options.most))
+            return UPRIGHT
+        reports = play_dataset(options.folder, options.robot, options.model, feet=feet, most=options.most, seed=options.seed)
     except (Error, ImportError, OSError) as error:
         return refused(error)
-    return UPRIGHT
+    if options.json:
+        print(json.dumps({name: report.to_dict() for name, report in reports.items()}, indent=1, allow_nan=False))
+    else:
+        for name, report in reports.items():
+            print(f"{name}: {report.outcome}; {report.errors}")
+        print(f"{sum(report.followed for report in reports.values())} of {len(reports)} motions followed")
+    return UPRIGHT if all(report.upright for report in reports.values()) else FALLEN
 
 
 def numbers(text: str, counts: Sequence[int], what: str) -> list[list[float]]:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import pathlib
 from dataclasses import dataclass, field
-from typing import Any, Optional, Sequence
+from typing import Any, Iterator, Optional, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import Error
-from . import _plan, _rotation
+from . import _plan
 from ._engine import Floats, mj
 from ._model import Machine, Path
-from ._play import MASS_APART, assign_feet
+from ._play import MASS_APART, assign_feet, play, velocities
+from ._report import Report
 
 #: Largest remaining error of inverse kinematics, m and rad, with which a frame counts as attained.
 MISSED = 5e-3
@@ -112,7 +114,6 @@ def _machine(model: Path, plan: _plan.Plan, feet: Optional[Sequence[str]]) -> Ma
 def _follow(machine: Machine, plan: _plan.Plan) -> Reference:
     m, d, n = machine.model, machine.data, len(plan.position)
     soles = np.array([[plan.sole(i, f) for f in range(plan.n_feet)] for i in range(n)])
-    before, after = np.maximum(np.arange(n) - 1, 0), np.minimum(np.arange(n) + 1, n - 1)
     radii = np.array([[foot.radius] for foot in machine.feet])
     low, high = m.jnt_range[1:].T
     limited, at = m.jnt_limited[1:] != 0, m.jnt_qposadr[1:]
@@ -127,10 +128,8 @@ def _follow(machine: Machine, plan: _plan.Plan) -> Reference:
             missed = max(missed, left)
             excess = np.maximum(low - pose[at], pose[at] - high)[limited]
             beyond = max(beyond, float(excess.max(initial=0.0)))
-            span = (after[i] - before[i]) * plan.step
-            turning = [_rotation.between(soles[before[i], f], soles[after[i], f]) / span for f in range(plan.n_feet)]
             d.qpos[:], d.qvel[:] = pose, 0.0
-            d.qvel[:] = _rates(machine, plan, i, np.array(turning))
+            d.qvel[:] = velocities(machine, plan, i)
             mj.mj_fwdPosition(m, d)
             mj.mj_fwdVelocity(m, d)
             speeds = np.zeros((m.nbody, 6))
@@ -155,30 +154,6 @@ def _follow(machine: Machine, plan: _plan.Plan) -> Reference:
         machine.stance = stance
     arrays = {key: np.stack([part[key] for part in parts]) for key in parts[0]}
     return Reference(rate=1 / plan.step, missed=missed, beyond=beyond, **arrays)
-
-
-def _rates(machine: Machine, plan: _plan.Plan, i: int, turning: Floats) -> Floats:
-    """Velocities ``qvel`` of the present pose, for which centre of mass, base and feet move as the plan does. ``turning``: of soles, rad/s."""
-    m, d = machine.model, machine.data
-    machine._pose(d.qpos.copy())
-    rates = np.zeros(m.nv)
-    rates[3:6] = plan.rotation[i].T @ plan.angular_velocity[i]
-    rows, wanted = [], []
-    for f, foot in enumerate(machine.feet):
-        jacobian, turns = np.zeros((3, m.nv)), np.zeros((3, m.nv))
-        mj.mj_jac(m, d, jacobian, turns, machine.place(foot), foot.body)
-        rows.append(jacobian)
-        wanted.append(plan.feet_velocity[i, f])
-        if foot.sole is not None:
-            rows.append(turns)
-            wanted.append(turning[f])
-    com = np.zeros((3, m.nv))
-    mj.mj_jacSubtreeCom(m, d, com, machine.base)
-    rows.append(com)
-    wanted.append(plan.velocity[i])
-    jacobian, free = np.concatenate(rows), [0, 1, 2, *machine._leg_dofs()]
-    rates[free] = np.linalg.lstsq(jacobian[:, free], np.concatenate(wanted) - jacobian @ rates, rcond=None)[0]
-    return rates
 
 
 def export(
@@ -217,35 +192,78 @@ def export(
     """
     if form not in FORMS:
         raise Error(f"form {form!r}: must be one of {', '.join(FORMS)}")
-    root, target, done = pathlib.Path(folder), pathlib.Path(out), Exported()
+    root, target, done, machine = pathlib.Path(folder), pathlib.Path(out), Exported(), None
     manifest = _manifest(root)
-    robots = [entry["folder"] for entry in manifest["origin"]["robots"]]
-    if robot not in robots:
-        raise Error(f"{root / 'dataset.json'}: robot {robot!r}: must be one of {', '.join(robots)}")
-    rate, machine = float(manifest["origin"]["spec"]["rate"]), None
+    rate = float(manifest["origin"]["spec"]["rate"])
     kept: list[Reference] = []
-    for shard in (shard for shard in manifest["shards"] if shard["robot"] == robot):
-        path = root / shard["files"][2]["path"]
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines()):
-            if most is not None and done.motions >= most:
-                break
-            plan = _plan.read(json.loads(line), rate)
-            machine = machine or _machine(model, plan, feet)
-            own = _follow(machine, plan)
-            if own.missed > MISSED or own.beyond > MISSED:
-                done.skipped += 1
-                continue
-            done.motions += 1
-            if form == "mjlab":
-                target.mkdir(parents=True, exist_ok=True)
-                _save(target / f"{robot}-{shard['number']:05}-{number:05}.npz", of_mjlab(own), done)
-            else:
-                kept.append(own)
+    for name, motion in _motions(root, manifest, robot):
+        if most is not None and done.motions >= most:
+            break
+        plan = _plan.read(motion, rate)
+        machine = machine or _machine(model, plan, feet)
+        own = _follow(machine, plan)
+        if own.missed > MISSED or own.beyond > MISSED:
+            done.skipped += 1
+            continue
+        done.motions += 1
+        if form == "mjlab":
+            target.mkdir(parents=True, exist_ok=True)
+            _save(target / f"{name}.npz", of_mjlab(own), done)
+        else:
+            kept.append(own)
     if machine is None or not done.motions:
         raise Error(f"{root}: robot {robot}: no motion that the model can follow")
     if form == "loco-mujoco":
         _save(target, of_loco_mujoco(machine, kept), done)
     return done
+
+
+def play_dataset(
+    folder: Path, robot: str, model: Path, *, feet: Optional[Sequence[str]] = None, most: Optional[int] = None, **options: Any
+) -> dict[str, Report]:
+    """Plays the motions of a data set on a model, like :func:`play`. Motions that begin or end in motion are played without standing there.
+
+    Parameters
+    ----------
+    folder : path
+        Folder of ``cregopt dataset``.
+    robot : str
+        Robot of the data set: name of its folder.
+    model : path
+        MuJoCo model of the robot, with motors.
+    feet : list of str, optional
+        Geoms, bodies or sites of the model that are the feet, in the order of the robot. Default: found.
+    most : int, optional
+        Largest number of motions. Default: all.
+    **options
+        Other options of :func:`play`, such as ``seed`` and ``friction``.
+
+    Returns
+    -------
+    dict of str to Report
+        Report of each motion, by the name of its file in :func:`export`.
+
+    Raises
+    ------
+    Error
+        If the folder is not a data set, the robot not one of it, or the model that of another robot.
+    ImportError
+        If MuJoCo or DAQP is not installed.
+    """
+    root = pathlib.Path(folder)
+    motions = itertools.islice(_motions(root, _manifest(root), robot), most)
+    return {name: play(motion, model, feet=feet, **options) for name, motion in motions}
+
+
+def _motions(root: pathlib.Path, manifest: dict[str, Any], robot: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Names and motions of a robot. Raises Error if the data set does not have the robot."""
+    robots = [entry["folder"] for entry in manifest["origin"]["robots"]]
+    if robot not in robots:
+        raise Error(f"{root / 'dataset.json'}: robot {robot!r}: must be one of {', '.join(robots)}")
+    for shard in (shard for shard in manifest["shards"] if shard["robot"] == robot):
+        lines = (root / shard["files"][2]["path"]).read_text(encoding="utf-8").splitlines()
+        for number, line in enumerate(lines):
+            yield f"{robot}-{shard['number']:05}-{number:05}", json.loads(line)
 
 
 def _manifest(root: pathlib.Path) -> dict[str, Any]:

@@ -19,6 +19,8 @@ Motion = Union[Trajectory, Gait, dict[str, Any], str, "os.PathLike[str]"]
 
 #: Distance to each side over which the slope of the ground under a foothold is measured, m.
 SLOPE_BASE = 0.02
+#: Speed below which the base is at rest, m/s and rad/s.
+REST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class Plan:
         """True for feet in planned stance, shape (feet,)."""
         stands: NDArray[np.bool_] = self.phases[index] % 2 == 0
         return stands
+
+    def rests(self, index: int) -> bool:
+        """True if all feet stand and the base is at rest."""
+        speed = max(float(np.abs(of[index]).max()) for of in (self.velocity, self.angular_velocity))
+        return bool(self.stands(index).all()) and speed < REST
 
 
 def read(motion: Motion, rate: float) -> Plan:

@@ -21,7 +21,7 @@ from ._report import MotorLoads, Report
 STEP, STEPS = 0.001, 2
 #: Time between frames of the window, s.
 FRAME = 0.02
-#: Duration of standing before and after the plan, s.
+#: Duration of standing before and after a plan that begins and ends at rest, s.
 HOLD = 0.4
 #: Largest difference between the masses of plan and model, as a share of the model's mass.
 MASS_APART = 0.05
@@ -122,7 +122,11 @@ def play(
         joint_speed_limit=speed_limit,
     )
     controller = Controller(machine, plan, friction, speed_limit, gains or (ON_SOLES if machine.soled else Gains()))
-    simulation = _Play(controller, start, report, plan.terrain, plan.feet)
+    moving = None
+    if not plan.rests(0):
+        machine.data.qpos[:] = start
+        moving = velocities(machine, plan, 0)
+    simulation = _Play(controller, start, report, plan.terrain, plan.feet, moving)
     with ExitStack() as stack:
         observers: list[Observer] = []
         if video is not None:
@@ -166,6 +170,31 @@ def start_pose(machine: Machine, plan: _plan.Plan) -> Floats:
     return pose
 
 
+def velocities(machine: Machine, plan: _plan.Plan, i: int) -> Floats:
+    """Velocities (``qvel``) with which centre of mass, base and feet move as the plan does at an instant, in the present pose of the machine."""
+    m, d = machine.model, machine.data
+    before, after = max(i - 1, 0), min(i + 1, len(plan.position) - 1)
+    machine._pose(d.qpos.copy())
+    rates = np.zeros(m.nv)
+    rates[3:6] = plan.rotation[i].T @ plan.angular_velocity[i]
+    rows, wanted = [], []
+    for f, foot in enumerate(machine.feet):
+        jacobian, turns = np.zeros((3, m.nv)), np.zeros((3, m.nv))
+        mj.mj_jac(m, d, jacobian, turns, machine.place(foot), foot.body)
+        rows.append(jacobian)
+        wanted.append(plan.feet_velocity[i, f])
+        if foot.sole is not None:
+            rows.append(turns)
+            wanted.append(_rotation.between(plan.sole(before, f), plan.sole(after, f)) / ((after - before) * plan.step))
+    com = np.zeros((3, m.nv))
+    mj.mj_jacSubtreeCom(m, d, com, machine.base)
+    rows.append(com)
+    wanted.append(plan.velocity[i])
+    jacobian, free = np.concatenate(rows), [0, 1, 2, *machine._leg_dofs()]
+    rates[free] = np.linalg.lstsq(jacobian[:, free], np.concatenate(wanted) - jacobian @ rates, rcond=None)[0]
+    return rates
+
+
 def window(stack: ExitStack, simulation: Simulation[Any]) -> Observer:
     """Observer that shows a simulation in a window, in real time."""
     window = stack.enter_context(importlib.import_module("mujoco.viewer").launch_passive(simulation.model, simulation.data))
@@ -185,7 +214,14 @@ class Simulation(Generic[Loads]):
     """Simulation of a robot under a controller on a ground, with its report."""
 
     def __init__(
-        self, controller: Controller, start: Floats, report: Loads, ground: Terrain, covered: Floats, patches: Sequence[_ground.Patch] = ()
+        self,
+        controller: Controller,
+        start: Floats,
+        report: Loads,
+        ground: Terrain,
+        covered: Floats,
+        patches: Sequence[_ground.Patch] = (),
+        moving: Optional[Floats] = None,
     ) -> None:
         self.controller, self.machine, self.plan, self.report = controller, controller.machine, controller.plan, report
         if not np.all(np.isfinite(self.machine.torque_limits)):
@@ -196,6 +232,8 @@ class Simulation(Generic[Loads]):
         self.model, grounds = self._world(report.friction, ground, covered, patches)
         self.data = mj.MjData(self.model)
         self.data.qpos[:] = start
+        if moving is not None:
+            self.data.qvel[:] = moving
         if random is not None:
             self._disturb(random)
         mj.mj_forward(self.model, self.data)
@@ -235,7 +273,7 @@ class Simulation(Generic[Loads]):
         m.body_inertia *= shares[:, None]
         mj.mj_setConst(m, mj.MjData(m))
         d.qpos[7:] += random.uniform(-JOINT_SPREAD, JOINT_SPREAD, m.nq - 7)
-        d.qvel[:6] = random.uniform(-SPEED_SPREAD, SPEED_SPREAD, 6)
+        d.qvel[:6] += random.uniform(-SPEED_SPREAD, SPEED_SPREAD, 6)
         state = self.machine.state(d.qpos, d.qvel)
         places = np.concatenate([self.controller.contact_points(f, 0, state) for f in range(self.plan.n_feet)])
         d.qpos[2] += max(self.plan.terrain.height(*place[:2]) - place[2] for place in places)
@@ -294,18 +332,21 @@ class Simulation(Generic[Loads]):
 class _Play(Simulation[Report]):
     """Simulation of a robot that follows one plan."""
 
-    def __init__(self, controller: Controller, start: Floats, report: Report, ground: Terrain, covered: Floats) -> None:
-        super().__init__(controller, start, report, ground, covered)
+    def __init__(
+        self, controller: Controller, start: Floats, report: Report, ground: Terrain, covered: Floats, moving: Optional[Floats]
+    ) -> None:
+        super().__init__(controller, start, report, ground, covered, moving=moving)
         self.sliding = _Sliding(self.plan.n_feet, report)
 
     def run(self, observers: Sequence[Observer]) -> None:
-        """Simulates the plan, with standing before and after it, or until the robot falls."""
+        """Simulates the plan, with standing before and after it where it rests, or until the robot falls."""
         report, d = self.report, self.data
         errors: list[tuple[float, float]] = []
         missing = due = saturated = 0
-        periods = round((self.plan.horizon + 2 * HOLD) / self.plan.step)
+        before, after = (HOLD * self.plan.rests(k) for k in (0, -1))
+        periods = round((self.plan.horizon + before + after) / self.plan.step)
         for period in range(periods):
-            time = period * self.plan.step - HOLD
+            time = period * self.plan.step - before
             if not np.all(np.isfinite(d.qpos)):
                 report.upright, report.fall_time, report.fall = False, time, "the simulation diverged"
                 break

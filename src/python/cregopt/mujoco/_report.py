@@ -27,7 +27,7 @@ class MotorLoads(Protocol):
 
 @dataclass
 class Report:
-    """Result of playing a plan, including the standing before and after it.
+    """Result of playing a plan, including the standing before and after it, if it begins and ends at rest.
 
     World frame, SI units, angles in rad. The base is the centre of mass with the attitude of the model's first body.
 
@@ -99,20 +99,28 @@ class Report:
         """All attributes and ``followed``, for JSON."""
         return {**asdict(self), "followed": self.followed}
 
-    def __str__(self) -> str:
+    @property
+    def outcome(self) -> str:
+        """How the motion ended."""
         if not self.upright:
-            end = f"falls at {self.fall_time:.2f} s: {self.fall}"
-        elif self.followed:
-            end = "upright to the end, on the plan"
-        else:
-            end = "upright to the end, off the plan"
+            return f"falls at {self.fall_time:.2f} s: {self.fall}"
+        return f"upright to the end, {'on' if self.followed else 'off'} the plan"
+
+    @property
+    def errors(self) -> str:
+        """Distance of the base from the plan."""
+        return (
+            f"off by at most {self.position_error_max:.3f} m and {np.degrees(self.attitude_error_max):.1f} deg, "
+            f"rms {self.position_error_rms:.3f} m and {np.degrees(self.attitude_error_rms):.1f} deg"
+        )
+
+    def __str__(self) -> str:
         disturbed = "" if self.seed is None else f", disturbed by seed {self.seed}"
         lines = [
-            f"{self.model}: {end}",
+            f"{self.model}: {self.outcome}",
             f"  plan      {self.horizon:.2f} s, {self.planned_mass:.2f} kg, friction {self.planned_friction:g}",
             f"  played    {self.mass:.2f} kg, friction {self.friction:.3g}{disturbed}",
-            f"  base      off by at most {self.position_error_max:.3f} m and {np.degrees(self.attitude_error_max):.1f} deg, "
-            f"rms {self.position_error_rms:.3f} m and {np.degrees(self.attitude_error_rms):.1f} deg; ends {self.end_error:.3f} m from the end of the plan",
+            f"  base      {self.errors}; ends {self.end_error:.3f} m from the end of the plan",
             f"  feet      slide at most {self.slip_max:.3f} m in a stance, {self.slip_total:.2f} m in total; "
             f"no contact in {100 * self.missing_contact:.0f} % of stances",
             f"  torque    at most {100 * self.torque_share:.0f} % of the limit ({self.torque_joint}), "
