@@ -172,6 +172,20 @@ fn moves_keep_the_impulses_of_the_stances() {
     });
 }
 
+#[test]
+fn steps_that_shorten_a_phase_too_much_are_not_made() {
+    with_walk(|minimiser, point| {
+        let (moves, space) = (minimiser.space.moves(&point), &minimiser.space);
+        // The first move is that of the end of the first stance.
+        let (shortest, now) = (space.shortest[0][0], point.schedule.durations()[0][0]);
+        for (share, made) in [(1. - 0.5 * SHORT, true), (1. - 2. * SHORT, false)] {
+            let mut step = vec![0.; moves.len()];
+            step[0] = (share * shortest - now) / point.schedule.interval();
+            assert_eq!(minimiser.after(&point, &moves, &step).is_some(), made, "{share} of the shortest duration");
+        }
+    });
+}
+
 /// Result and cost of a descent from the walk, after checks of its rows and durations.
 ///
 /// * `steps` - largest number of changes of the durations

@@ -128,8 +128,7 @@ def _follow(machine: Machine, plan: _plan.Plan) -> Reference:
             missed = max(missed, left)
             excess = np.maximum(low - pose[at], pose[at] - high)[limited]
             beyond = max(beyond, float(excess.max(initial=0.0)))
-            d.qpos[:], d.qvel[:] = pose, 0.0
-            d.qvel[:] = velocities(machine, plan, i)
+            d.qvel[:] = velocities(machine, plan, i, pose)
             mj.mj_fwdPosition(m, d)
             mj.mj_fwdVelocity(m, d)
             speeds = np.zeros((m.nbody, 6))

@@ -122,11 +122,7 @@ def play(
         joint_speed_limit=speed_limit,
     )
     controller = Controller(machine, plan, friction, speed_limit, gains or (ON_SOLES if machine.soled else Gains()))
-    moving = None
-    if not plan.rests(0):
-        machine.data.qpos[:] = start
-        moving = velocities(machine, plan, 0)
-    simulation = _Play(controller, start, report, plan.terrain, plan.feet, moving)
+    simulation = _Play(controller, start, report)
     with ExitStack() as stack:
         observers: list[Observer] = []
         if video is not None:
@@ -170,11 +166,11 @@ def start_pose(machine: Machine, plan: _plan.Plan) -> Floats:
     return pose
 
 
-def velocities(machine: Machine, plan: _plan.Plan, i: int) -> Floats:
-    """Velocities (``qvel``) with which centre of mass, base and feet move as the plan does at an instant, in the present pose of the machine."""
+def velocities(machine: Machine, plan: _plan.Plan, i: int, pose: Floats) -> Floats:
+    """Velocities (``qvel``) with which centre of mass, base and feet move as the plan does at an instant, in its pose (``qpos``)."""
     m, d = machine.model, machine.data
     before, after = max(i - 1, 0), min(i + 1, len(plan.position) - 1)
-    machine._pose(d.qpos.copy())
+    machine._pose(pose)
     rates = np.zeros(m.nv)
     rates[3:6] = plan.rotation[i].T @ plan.angular_velocity[i]
     rows, wanted = [], []
@@ -332,10 +328,10 @@ class Simulation(Generic[Loads]):
 class _Play(Simulation[Report]):
     """Simulation of a robot that follows one plan."""
 
-    def __init__(
-        self, controller: Controller, start: Floats, report: Report, ground: Terrain, covered: Floats, moving: Optional[Floats]
-    ) -> None:
-        super().__init__(controller, start, report, ground, covered, moving=moving)
+    def __init__(self, controller: Controller, start: Floats, report: Report) -> None:
+        plan = controller.plan
+        moving = None if plan.rests(0) else velocities(controller.machine, plan, 0, start)
+        super().__init__(controller, start, report, plan.terrain, plan.feet, moving=moving)
         self.sliding = _Sliding(self.plan.n_feet, report)
 
     def run(self, observers: Sequence[Observer]) -> None:
