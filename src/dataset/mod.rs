@@ -50,6 +50,6 @@ mod table;
 
 pub use check::{Checked, check};
 pub use manifest::{FileHash, MANIFEST, Manifest, Origin, RobotEntry, Shard};
-pub use run::{FRAMES, Progress};
+pub use run::{Drafts, FRAMES, Progress, ShardId};
 pub use spec::{CommandRanges, DatasetPlan, Ground, GroundPlaces, Kind, Spec, Subject};
 pub use table::{Column, Table, Values};

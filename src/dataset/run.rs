@@ -5,13 +5,14 @@ use super::manifest::{FileHash, Manifest, Origin, Shard};
 use super::record::{COMPARED, Dropped, Record, SAME_MOTION, frames, motions};
 use super::spec::{DatasetPlan, Subject};
 use super::table::Table;
-use crate::backend::Backend;
-use crate::error::{Error, Result, to_json};
+use crate::backend::{Backend, DeviceChoice};
+use crate::error::{Error, Result, from_json, to_json};
 use crate::files;
 use crate::gait::Schedule;
 use crate::search::evaluate::{Evaluated, LowerSettings, evaluate};
 use crate::task::Task;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -35,6 +36,65 @@ pub struct Progress<'a> {
     pub shard: &'a Shard,
     /// Motions so far, and motions asked for.
     pub motions: [usize; 2],
+}
+
+/// Robot and number of a shard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ShardId {
+    /// Index of the robot, as in [`DatasetPlan::subjects`].
+    pub robot: usize,
+    /// Number of the shard of this robot.
+    pub number: usize,
+}
+
+/// Certified motions of the draws of a shard, before those that are nearly earlier ones are dropped.
+#[derive(Debug, Clone)]
+pub struct Drafts {
+    records: Vec<Record>,
+    counts: Counts,
+}
+
+/// Numbers of draws of a shard without a motion, as in [`Shard`].
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Counts {
+    impossible: usize,
+    infeasible: usize,
+    beyond_joints: usize,
+}
+
+/// [`Drafts`] as text: motions as in the file of gaits.
+#[derive(Serialize, Deserialize)]
+struct DraftsText {
+    counts: Counts,
+    lines: Vec<String>,
+}
+
+impl Drafts {
+    /// JSON for [`Drafts::from_json`].
+    ///
+    /// # Errors
+    /// [`Error::Format`] for numbers that JSON cannot represent.
+    pub fn to_json(&self) -> Result<String> {
+        to_json(&DraftsText { counts: self.counts, lines: self.records.iter().map(Record::line).collect::<Result<_>>()? })
+    }
+
+    /// Drafts from the text of another process. Every motion is certified and sampled again.
+    ///
+    /// * `rate` - frames per second, Hz
+    ///
+    /// # Errors
+    /// [`Error::Format`] for another text; [`Error::Invalid`] for a motion without a certificate.
+    pub fn from_json(text: &str, rate: f64) -> Result<Drafts> {
+        let DraftsText { counts, lines } = from_json(text)?;
+        let record = |line: &String| {
+            let (trajectory, drawn) = Record::read(line)?;
+            let record = Record::of(trajectory, drawn, rate)?;
+            record.check_loop()?;
+            let violated = record.report.n_violated;
+            if record.report.feasible { Ok(record) } else { Err(Error::invalid("certificate", format!("{violated} rows violated"), "valid")) }
+        };
+        Ok(Drafts { records: lines.par_iter().map(record).collect::<Result<_>>()?, counts })
+    }
 }
 
 /// Motions of a robot so far, for the search of duplicates.
@@ -88,15 +148,18 @@ impl DatasetPlan {
         self.spec.shard
     }
 
-    /// Makes the data set in a folder, or continues it. A finished shard is never changed. Returns the manifest; it has fewer motions than
-    /// asked for if too few draws are feasible.
+    /// Origin of the data that a device makes, without the number of threads, on which nothing depends.
+    pub fn origin(&self, device: &DeviceChoice) -> Origin {
+        Origin::new(self, format!("{device}, {}", self.settings.precision.described()))
+    }
+
+    /// Makes the data set in a folder, or continues it, on a device of this process; see [`DatasetPlan::make_from`].
     ///
     /// * `progress` - called after each shard
     /// * `cancelled` - ends the run; the same call continues it
     ///
     /// # Errors
-    /// [`Error::Invalid`] if the folder has other data or another run uses it, [`Error::Io`] if the system refuses, [`Error::Ended`] if the
-    /// run was cancelled.
+    /// Those of [`DatasetPlan::make_from`].
     pub fn make(
         &self,
         folder: &Path,
@@ -104,10 +167,29 @@ impl DatasetPlan {
         cancelled: &AtomicBool,
         progress: &mut dyn FnMut(Progress),
     ) -> Result<Manifest> {
+        self.make_from(folder, &backend.choice(), &mut |next| self.drafts(next[0], backend, cancelled), progress)
+    }
+
+    /// Makes the data set in a folder, or continues it, from drafts of its shards. A finished shard is never changed. Returns the manifest; it has fewer motions than
+    /// asked for if too few draws are feasible.
+    ///
+    /// * `device` - device of the solves, for the manifest
+    /// * `drafts` - returns the drafts of the first of the given shards, or `None` if the run was cancelled; the others are needed later
+    /// * `progress` - called after each shard
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if the folder has other data or another run uses it, [`Error::Io`] if the system refuses, [`Error::Ended`] if the
+    /// run was cancelled, and those of `drafts`.
+    pub fn make_from(
+        &self,
+        folder: &Path,
+        device: &DeviceChoice,
+        drafts: &mut dyn FnMut(&[ShardId]) -> Result<Option<Drafts>>,
+        progress: &mut dyn FnMut(Progress),
+    ) -> Result<Manifest> {
         std::fs::create_dir_all(folder).map_err(|source| Error::Io { action: "make the folder", path: folder.to_owned(), source })?;
         let _lock = files::open_alone(&folder.join(LOCK))?;
-        // Without the number of threads, on which nothing depends.
-        let origin = Origin::new(self, format!("{}, {}", backend.choice(), self.settings.precision.described()));
+        let origin = self.origin(device);
         let mut manifest = match Manifest::read(folder)? {
             Some(manifest) => {
                 manifest.check_origin(&origin, folder)?;
@@ -125,18 +207,17 @@ impl DatasetPlan {
             (course.next, course.motions) = (shard.number + 1, course.motions + shard.motions);
         }
         while !manifest.complete {
-            // The robot whose next shard has the lowest number is next, so that all robots advance together.
-            let open = (0..courses.len()).filter(|&i| !courses[i].done(self, &self.subjects[i]));
-            let Some(index) = open.min_by_key(|&i| courses[i].next) else {
+            let next = self.next(&courses);
+            let Some(first) = next.first() else {
                 manifest.complete = true;
                 manifest.write(folder)?;
                 break;
             };
-            let shard = self.shard(index, &mut courses[index], folder, &manifest.origin, backend, cancelled)?;
-            let Some(shard) = shard else {
+            let Some(drafts) = drafts(&next)? else {
                 let [done, all] = [manifest.motions(), manifest.asked()];
                 return Err(Error::Ended { message: format!("stopped: {done} of {all} motions made, and the same command continues") });
             };
+            let shard = self.shard(*first, drafts, &mut courses[first.robot], folder, &manifest.origin)?;
             manifest.shards.push(shard);
             manifest.write(folder)?;
             let motions = [manifest.motions(), manifest.asked()];
@@ -172,30 +253,52 @@ impl DatasetPlan {
         Ok(())
     }
 
-    /// Makes the next shard of a robot; `None` if it was cancelled.
-    fn shard(
-        &self,
-        index: usize,
-        course: &mut Course,
-        folder: &Path,
-        origin: &Origin,
-        backend: &dyn Backend,
-        cancelled: &AtomicBool,
-    ) -> Result<Option<Shard>> {
-        let (subject, spec, number) = (&self.subjects[index], &self.spec, course.next);
+    /// The next shards in their order: those that are needed even if every draw becomes a motion, and at least one until all robots are
+    /// done.
+    fn next(&self, courses: &[Course]) -> Vec<ShardId> {
+        let mut next = Vec::new();
+        for (robot, (course, subject)) in courses.iter().zip(&self.subjects).enumerate() {
+            if course.done(self, subject) {
+                continue;
+            }
+            let needed = (subject.count - course.motions).div_ceil(self.spec.shard);
+            next.extend((course.next..course.next + needed).map(|number| ShardId { robot, number }));
+        }
+        // All robots advance together.
+        next.sort_by_key(|id| (id.number, id.robot));
+        next
+    }
+
+    /// Draws a shard, and solves, certifies and samples its draws; `None` if that was cancelled.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if there is no such robot; those of [`evaluate`] and of the export.
+    pub fn drafts(&self, id: ShardId, backend: &dyn Backend, cancelled: &AtomicBool) -> Result<Option<Drafts>> {
+        let (spec, robots) = (&self.spec, self.subjects.len());
+        let Some(subject) = self.subjects.get(id.robot) else {
+            return Err(Error::invalid("robot", id.robot, format!("below {robots}, the number of robots")));
+        };
         let interval = common_interval(spec.length, &self.settings, &subject.robot);
         let mut settings = self.settings.clone();
         settings.transcription.interval = Some(interval);
-        let numbers = number * spec.shard..(number + 1) * spec.shard;
+        let numbers = id.number * spec.shard..(id.number + 1) * spec.shard;
         let draws: Vec<Draw> = backend.pool().install(|| {
-            let drawn: Vec<Option<Draw>> = numbers.into_par_iter().map(|number| draw(self, index, number, &settings)).collect();
+            let drawn: Vec<Option<Draw>> = numbers.into_par_iter().map(|number| draw(self, id.robot, number, &settings)).collect();
             drawn.into_iter().flatten().collect()
         });
         let Some(records) = self.records(&draws, &settings, interval, backend, cancelled)? else { return Ok(None) };
         let count = |reason: Dropped| records.iter().filter(|record| record.as_ref().is_err_and(|dropped| *dropped == reason)).count();
         let [infeasible, beyond_joints] = [Dropped::Infeasible, Dropped::Joints].map(count);
+        let counts = Counts { impossible: spec.shard - draws.len(), infeasible, beyond_joints };
+        Ok(Some(Drafts { records: records.into_iter().flatten().collect(), counts }))
+    }
+
+    /// Makes a shard from its drafts.
+    fn shard(&self, id: ShardId, drafts: Drafts, course: &mut Course, folder: &Path, origin: &Origin) -> Result<Shard> {
+        let ShardId { robot, number } = id;
+        let subject = &self.subjects[robot];
         let (mut kept, mut duplicates) = (Vec::new(), 0);
-        for record in records.into_iter().flatten() {
+        for record in drafts.records {
             if course.motions + kept.len() >= subject.count {
                 break;
             }
@@ -205,19 +308,11 @@ impl DatasetPlan {
                 duplicates += 1;
             }
         }
-        let files = self.write(folder, index, number, &kept, origin)?;
+        let files = self.write(folder, robot, number, &kept, origin)?;
         (course.next, course.motions) = (number + 1, course.motions + kept.len());
-        Ok(Some(Shard {
-            robot: subject.folder.clone(),
-            number,
-            draws: spec.shard,
-            impossible: spec.shard - draws.len(),
-            infeasible,
-            beyond_joints,
-            duplicates,
-            motions: kept.len(),
-            files,
-        }))
+        let Counts { impossible, infeasible, beyond_joints } = drafts.counts;
+        let (robot, draws, motions) = (subject.folder.clone(), self.spec.shard, kept.len());
+        Ok(Shard { robot, number, draws, impossible, infeasible, beyond_joints, duplicates, motions, files })
     }
 
     /// Solves, certifies and samples draws; `None` if that was cancelled.

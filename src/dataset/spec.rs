@@ -1,5 +1,6 @@
 //! Specification of a data set: robots, grounds, commands, gait families and their number, in TOML.
 
+use super::manifest::{Origin, RobotEntry};
 use crate::app::named;
 use crate::app::options::merge;
 use crate::error::{Error, Result, check_name, check_range, from_toml};
@@ -309,14 +310,11 @@ impl Spec {
     pub fn plan(mut self) -> Result<DatasetPlan> {
         self.validate()?;
         let settings = self.lower_settings()?;
-        let ground = |ground: &NamedOr<GroundPlaces>| {
-            let (name, start) = match ground {
-                NamedOr::Name(name) => (name, [[0.; 2]; 3]),
-                NamedOr::Own(places) => (&places.terrain, [places.x, places.y, places.yaw]),
-            };
-            Ok(Ground { terrain: named::terrain(name)?, start })
+        let terrain = |ground: &NamedOr<GroundPlaces>| match ground {
+            NamedOr::Name(name) | NamedOr::Own(GroundPlaces { terrain: name, .. }) => named::terrain(name),
         };
-        let grounds = self.grounds.iter().map(ground).collect::<Result<Vec<_>>>()?;
+        let terrains = self.grounds.iter().map(terrain).collect::<Result<Vec<_>>>()?;
+        let grounds = self.grounds_on(terrains);
         let subject = |(i, name): (usize, &String)| {
             let robot = named::robot(name)?;
             let place = format!("robots[{i}] `{}`", robot.name.escape_debug());
@@ -340,6 +338,20 @@ impl Spec {
         }
         self.name_content(&subjects, &grounds);
         Ok(DatasetPlan { spec: self, subjects, grounds, settings })
+    }
+
+    /// Grounds with the ranges of the start.
+    ///
+    /// * `terrains` - those of [`Spec::grounds`]
+    fn grounds_on(&self, terrains: impl IntoIterator<Item = Arc<Terrain>>) -> Vec<Ground> {
+        let ground = |(ground, terrain): (&NamedOr<GroundPlaces>, Arc<Terrain>)| {
+            let start = match ground {
+                NamedOr::Name(_) => [[0.; 2]; 3],
+                NamedOr::Own(places) => [places.x, places.y, places.yaw],
+            };
+            Ground { terrain, start }
+        };
+        self.grounds.iter().zip(terrains).map(ground).collect()
     }
 
     /// Replaces names of files by the names in them, so that the specification does not depend on the working directory.
@@ -377,6 +389,20 @@ impl Spec {
             }
         }
         all
+    }
+}
+
+impl DatasetPlan {
+    /// Plan of the data of a manifest.
+    pub fn of(origin: Origin) -> DatasetPlan {
+        let Origin { spec, settings, robots, grounds, .. } = origin;
+        let grounds = spec.grounds_on(grounds.into_iter().map(Arc::new));
+        let subject = |RobotEntry { folder, count, robot }: RobotEntry| {
+            let combinations = spec.combinations(&robot.name, &robot, grounds.len());
+            Subject { robot: Arc::new(robot), folder, count, combinations }
+        };
+        let subjects = robots.into_iter().map(subject).collect();
+        DatasetPlan { spec, subjects, grounds, settings }
     }
 }
 

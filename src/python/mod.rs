@@ -5,6 +5,7 @@
 
 mod call;
 mod convert;
+mod dataset;
 mod evaluate;
 mod joints;
 mod motion;
@@ -47,5 +48,8 @@ fn _cregopt(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(search::search, module)?)?;
     module.add_function(wrap_pyfunction!(search::solve, module)?)?;
     module.add_function(wrap_pyfunction!(evaluate::evaluate, module)?)?;
-    module.add_function(wrap_pyfunction!(workers::solve_chunk, module)?)
+    module.add_function(wrap_pyfunction!(workers::solve_chunk, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::dataset_plan, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::dataset_drafts, module)?)?;
+    module.add_function(wrap_pyfunction!(dataset::dataset_make, module)?)
 }

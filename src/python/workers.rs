@@ -159,7 +159,7 @@ struct Opened {
 /// Device of this process, which stays open between chunks: a GPU takes longer to open than to solve a chunk.
 static OPENED: Mutex<Option<Opened>> = Mutex::new(None);
 
-fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Arc<dyn Backend>> {
+pub(super) fn device(name: &str, threads: usize, lower: &LowerSettings) -> crate::Result<Arc<dyn Backend>> {
     let mut opened = locked(&OPENED);
     let key = (name.to_owned(), threads, lower.precision);
     if let Some(Opened { device, .. }) = opened.as_ref().filter(|opened| opened.key == key) {

@@ -6,6 +6,7 @@ import os
 import pathlib
 import random
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -528,3 +529,53 @@ def test_a_sweep_continues_when_workers_die(
     monkeypatch.undo()
     again = rows(distributed.sweep([task], tmp_path / "sweep", seeds=[1, 2, 3], max_retries=1, **QUICK))
     assert [row["error"] for row in again] == [None] * 3 and [again[0], again[2]] == [found[0], found[2]]
+
+
+SPEC = """
+count = 10
+shard = 4
+length = 1.0
+robots = ["biped", "own.toml"]
+families = ["run", "trot"]
+[[grounds]]
+terrain = "flat"
+x = [0.0, 0.5]
+[[commands]]
+forward = [0.1, 0.3]
+"""
+
+
+def files_of(folder: pathlib.Path) -> dict[str, bytes]:
+    """Files of a data set."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.suffix != ".lock" and path.is_file()}
+
+
+def test_a_data_set_of_workers_equals_that_of_one_process(machines: Machines, two: Any, program: str, tmp_path: pathlib.Path) -> None:
+    cregopt.Robot("anymal").save(tmp_path / "own.toml")
+    spec = tmp_path / "spec.toml"
+    spec.write_text(SPEC)
+    made = subprocess.run([program, "dataset", spec, "--out", tmp_path / "alone", "--device", "cpu"], capture_output=True, text=True, timeout=120)
+    if "unrecognized subcommand" in made.stderr:
+        pytest.skip("the program was built without data sets")
+    assert made.returncode == 0, made.stderr
+    seen: list[tuple[int, int]] = []
+
+    def interrupted(done: int, asked: int) -> None:
+        seen.append((done, asked))
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        distributed.dataset(spec, tmp_path / "data", progress=interrupted)
+    assert len(seen) == 1 and 0 < seen[0][0] < seen[0][1] == 10
+    # The same call continues.
+    manifest = distributed.dataset(spec, tmp_path / "data", progress=lambda done, asked: seen.append((done, asked)))
+    assert manifest["complete"] and seen[-1] == (10, 10)
+    assert sum(shard["motions"] for shard in manifest["shards"]) == 10
+    assert files_of(tmp_path / "data") == files_of(tmp_path / "alone")
+
+
+def test_errors_of_data_sets_name_place_and_value(machines: Machines, tmp_path: pathlib.Path) -> None:
+    spec = tmp_path / "spec.toml"
+    spec.write_text(SPEC.replace("count = 10", "count = 0"))
+    with pytest.raises(cregopt.Error, match=r"spec.toml: count: 0"):
+        distributed.dataset(spec, tmp_path / "data")

@@ -43,6 +43,10 @@ class Cluster:
         count = resources.get("CPU", 0.0) // self.cpus
         return max(1, int(min(count, resources.get("GPU", 0.0) // self.gpus) if self.gpus else count))
 
+    def ahead(self) -> int:
+        """Number of jobs that are submitted before the first of them has ended, so that workers do not wait."""
+        return 2 * self.workers() + 2
+
     def remote(self, work: Callable[..., object]) -> Any:
         """Ray remote function that runs ``work`` with the resources and retries of this cluster's workers."""
         return self.ray.remote(num_cpus=self.cpus, num_gpus=self.gpus, max_retries=self.max_retries)(work)
@@ -81,8 +85,8 @@ class Cluster:
         pending: dict[Any, Any] = {}
         try:
             while True:
-                ahead = 2 * self.workers() + 2 - len(pending)
-                pending.update((submit(job), job) for job in itertools.islice(jobs, max(0, ahead)))
+                free = self.ahead() - len(pending)
+                pending.update((submit(job), job) for job in itertools.islice(jobs, max(0, free)))
                 if not pending:
                     return
                 ray.wait(list(pending), num_returns=1, timeout=patience)

@@ -1,4 +1,4 @@
-"""Searches, evaluations and sweeps on many machines with Ray: ``pip install cregopt[ray]``.
+"""Searches, evaluations, sweeps and data sets on many machines with Ray: ``pip install cregopt[ray]``.
 
 >>> import ray
 >>> from cregopt import distributed
@@ -6,6 +6,7 @@
 >>> gait = distributed.search(task, seed=1, population=256)
 >>> found = distributed.evaluate(task, schedules)
 >>> table = distributed.sweep(tasks, "sweep", seeds=range(1, 6))
+>>> manifest = distributed.dataset("dataset.toml", "data")
 
 Every node needs the same version of this package. Results on CPUs depend neither on the number of workers nor on the division of the work, if all
 processors have the same vector instructions. When a process or node dies, another worker repeats its work.
@@ -38,9 +39,9 @@ from ._progress import Watch, bar, watched
 from ._search import Path, Schedule
 from ._store import Store
 
-__all__ = ["evaluate", "search", "sweep"]
+__all__ = ["dataset", "evaluate", "search", "sweep"]
 
-#: Longest time that a search waits for workers before it checks whether it has been interrupted, s.
+#: Longest time that a call waits for workers before it checks whether it has been interrupted, s.
 _PATIENCE = 0.05
 
 
@@ -284,6 +285,81 @@ def sweep(
     return store.table([rows[key] for key in jobs])
 
 
+def dataset(
+    spec: Path,
+    folder: Path,
+    *,
+    cpus: int = 1,
+    gpus: float = 0,
+    max_retries: int = 3,
+    progress: Union[bool, Callable[[int, int], object], None] = None,
+) -> dict[str, Any]:
+    """Makes a data set of certified motions on a cluster, as ``cregopt dataset`` does in one process.
+
+    Each worker makes whole shards: it draws, solves and certifies. This process certifies and samples each motion again, drops duplicates, and writes
+    the files. Each of its cores keeps up with about nine cores of workers. The same call continues an interrupted run.
+
+    Parameters
+    ----------
+    spec : path
+        Specification (.toml). Only this process reads it and the files in it.
+    folder : path
+        Folder of the data set, created if missing.
+    cpus : int, default 1
+        CPUs per worker, requested from Ray, and number of its threads.
+    gpus : float, default 0
+        GPUs per worker, requested from Ray: 1, or a fraction of 1 if workers share a GPU. With any value but 0 a worker solves on a GPU.
+    max_retries : int, default 3
+        Number of times that a shard is given to another worker after a process or node died.
+    progress : bool or callable, optional
+        True shows a progress bar by tqdm (``pip install cregopt[progress]``). A callable is called after each shard, with the number of motions so
+        far and that of all motions. An exception that it raises ends the run and is raised again.
+
+    Returns
+    -------
+    dict
+        Content of ``dataset.json``. On CPUs all files equal those of ``cregopt dataset --device cpu`` byte for byte.
+
+    Raises
+    ------
+    ImportError
+        If Ray is not installed.
+    Error
+        If there is no cluster, if ``spec`` or ``folder`` is invalid, or if the workers of a shard died ``max_retries + 1`` times.
+    """
+    cluster = Cluster(cpus, gpus, max_retries)
+    plan = _cregopt.dataset_plan(spec, cluster.device)
+    work, shared = cluster.remote(_dataset_drafts), cluster.ray.put((__version__, plan, cluster.device, cpus))
+    pending: dict[tuple[int, int], Any] = {}
+
+    def drafts(following: list[tuple[int, int]]) -> Optional[str]:
+        for shard in following[: cluster.ahead()]:
+            if shard not in pending:
+                pending[shard] = work.remote(shared, shard)
+        robot, number = first = following[0]
+        ready, _ = cluster.ray.wait([pending[first]], timeout=_PATIENCE)
+        if not ready:
+            return None
+        try:
+            text: str = cluster.ray.get(pending.pop(first))
+        except cluster.ray.exceptions.RayError as error:
+            raise Error(f"robot {robot}, shard {number}: {cluster.why(error)}") from error
+        return text
+
+    with contextlib.ExitStack() as ending:
+        ending.callback(lambda: [cluster.ray.cancel(reference) for reference in pending.values()])
+        report = progress if callable(progress) else lambda done, asked: None
+        if progress is True:
+            shown = ending.enter_context(bar("data set", " motions"))
+
+            def report(done: int, asked: int) -> None:
+                shown.total = asked
+                shown.update(done - shown.n)
+
+        manifest: dict[str, Any] = json.loads(_cregopt.dataset_make(plan, folder, cluster.device, drafts, report))
+    return manifest
+
+
 class _Job(NamedTuple):
     """One search of a sweep."""
 
@@ -318,6 +394,13 @@ def _solve_chunk(shared: tuple[str, Task, str, str, int], first: int, schedules:
         return _cregopt.solve_chunk(task, job, schedules, device, threads)
     except Error as error:
         return str(error)
+
+
+def _dataset_drafts(shared: tuple[str, str, str, int], shard: tuple[int, int]) -> str:
+    """Motions of a shard of a data set, as JSON."""
+    version, plan, device, threads = shared
+    _same_version(version)
+    return _cregopt.dataset_drafts(plan, shard, device, threads)
 
 
 def _search_row(shared: tuple[str, dict[str, Any], bool], task: Task, seed: int) -> dict[str, Any]:
