@@ -23,7 +23,7 @@ fn main() -> Result<()> {
         candidates: option("--candidates", 16),
         threads: option("--threads", 0),
         horizon: option("--horizon", 0.8),
-        optimise_iterations: option("--optimise", 2),
+        optimise_iterations: option("--optimise", 4),
         ..PlannerSettings::default()
     };
     let mut planner = Planner::new(robot.clone(), Terrain::flat(), settings)?;

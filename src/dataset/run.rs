@@ -91,7 +91,11 @@ impl Drafts {
             let record = Record::of(trajectory, drawn, rate)?;
             record.check_loop()?;
             let violated = record.report.n_violated;
-            if record.report.feasible { Ok(record) } else { Err(Error::invalid("certificate", format!("{violated} rows violated"), "valid")) }
+            if record.report.feasible {
+                Ok(record)
+            } else {
+                Err(Error::invalid("certificate", format!("{violated} rows violated"), "valid"))
+            }
         };
         Ok(Drafts { records: lines.par_iter().map(record).collect::<Result<_>>()?, counts })
     }
@@ -170,8 +174,8 @@ impl DatasetPlan {
         self.make_from(folder, &backend.choice(), &mut |next| self.drafts(next[0], backend, cancelled), progress)
     }
 
-    /// Makes the data set in a folder, or continues it, from drafts of its shards. A finished shard is never changed. Returns the manifest; it has fewer motions than
-    /// asked for if too few draws are feasible.
+    /// Makes the data set in a folder, or continues it, from drafts of its shards. A finished shard is never changed. Returns the manifest;
+    /// it has fewer motions than asked for if too few draws are feasible.
     ///
     /// * `device` - device of the solves, for the manifest
     /// * `drafts` - returns the drafts of the first of the given shards, or `None` if the run was cancelled; the others are needed later

@@ -145,7 +145,7 @@ impl Default for PlannerSettings {
             families: None,
             change_durations: true,
             iterations: 20,
-            optimise_iterations: 2,
+            optimise_iterations: 4,
             hysteresis: 0.05,
             spread: 0.15,
             latency: 0.,

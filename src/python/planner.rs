@@ -146,7 +146,7 @@ pub struct Update {
 /// terrain : Terrain
 /// settings : dict, optional
 ///     ``horizon`` (s, default 0.8), ``candidates`` (16), ``families`` (names; by default all of the robot), ``change_durations`` (True),
-///     ``iterations`` (20), ``optimise_iterations`` (2), ``hysteresis`` (0.05), ``spread`` (0.15), ``latency`` (s, 0), ``deadline``
+///     ``iterations`` (20), ``optimise_iterations`` (4), ``hysteresis`` (0.05), ``spread`` (0.15), ``latency`` (s, 0), ``deadline``
 ///     (s, by default none), ``reach_margin`` (base heights, 0.03), ``threads`` (0: one per processor), ``seed`` (1), ``cost`` (weights).
 #[pyclass(frozen, module = "cregopt")]
 pub struct Planner(Mutex<crate::planner::Planner>);

@@ -567,7 +567,7 @@ def test_a_data_set_of_workers_equals_that_of_one_process(machines: Machines, tw
     with pytest.raises(RuntimeError, match="enough"):
         distributed.dataset(spec, tmp_path / "data", progress=interrupted)
     assert len(seen) == 1 and 0 < seen[0][0] < seen[0][1] == 10
-    # The same call continues.
+    # A second call continues.
     manifest = distributed.dataset(spec, tmp_path / "data", progress=lambda done, asked: seen.append((done, asked)))
     assert manifest["complete"] and seen[-1] == (10, 10)
     assert sum(shard["motions"] for shard in manifest["shards"]) == 10

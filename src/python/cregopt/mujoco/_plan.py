@@ -19,8 +19,8 @@ Motion = Union[Trajectory, Gait, dict[str, Any], str, "os.PathLike[str]"]
 
 #: Distance to each side over which the slope of the ground under a foothold is measured, m.
 SLOPE_BASE = 0.02
-#: Speed below which the base is at rest, m/s and rad/s.
-REST = 1e-3
+#: Speed below which the base is at rest, m/s and rad/s. The last instant can be a step before the end of a motion.
+REST = 0.05
 
 
 @dataclass(frozen=True)
