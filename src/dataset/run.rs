@@ -163,7 +163,7 @@ impl DatasetPlan {
     /// * `cancelled` - ends the run; the same call continues it
     ///
     /// # Errors
-    /// Those of [`DatasetPlan::make_from`].
+    /// Errors of [`DatasetPlan::make_from`].
     pub fn make(
         &self,
         folder: &Path,
