@@ -147,6 +147,20 @@ impl Record {
         Ok(Record { drawn, trajectory, ground, cost, report, frames, joints: joints.map(|j| used(&j)), apart, fingerprint })
     }
 
+    /// Record of a motion whose certificate and stride hold.
+    ///
+    /// # Errors
+    /// Errors of [`Record::of`] and [`Record::check_loop`]; [`Error::Invalid`] if rows of the certificate are violated.
+    pub fn certified(trajectory: Trajectory, drawn: Drawn, rate: f64) -> Result<Record> {
+        let record = Record::of(trajectory, drawn, rate)?;
+        record.check_loop()?;
+        if !record.report.feasible {
+            let value = format!("{} of {} rows violated", record.report.n_violated, record.report.n_rows);
+            return Err(Error::invalid("certificate", value, "feasible"));
+        }
+        Ok(record)
+    }
+
     /// Checks that the motion at the end of its stride that repeats is that at the start, moved by the displacement of the base.
     ///
     /// # Errors

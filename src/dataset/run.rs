@@ -29,6 +29,9 @@ frame, 0 in swing. FOOT_contact: 1 in stance, 0 in swing; at a phase boundary th
 /// Name of the lock in the folder of a data set.
 const LOCK: &str = "dataset.lock";
 
+/// Largest number of shards of a robot that are named in advance.
+const MOST_NEXT: usize = 1024;
+
 /// Progress after a shard.
 #[derive(Debug, Clone, Copy)]
 pub struct Progress<'a> {
@@ -86,17 +89,7 @@ impl Drafts {
     /// [`Error::Format`] for another text; [`Error::Invalid`] for a motion without a certificate.
     pub fn from_json(text: &str, rate: f64) -> Result<Drafts> {
         let DraftsText { counts, lines } = from_json(text)?;
-        let record = |line: &String| {
-            let (trajectory, drawn) = Record::read(line)?;
-            let record = Record::of(trajectory, drawn, rate)?;
-            record.check_loop()?;
-            let violated = record.report.n_violated;
-            if record.report.feasible {
-                Ok(record)
-            } else {
-                Err(Error::invalid("certificate", format!("{violated} rows violated"), "valid"))
-            }
-        };
+        let record = |line: &String| Record::read(line).and_then(|(trajectory, drawn)| Record::certified(trajectory, drawn, rate));
         Ok(Drafts { records: lines.par_iter().map(record).collect::<Result<_>>()?, counts })
     }
 }
@@ -257,15 +250,15 @@ impl DatasetPlan {
         Ok(())
     }
 
-    /// The next shards in their order: those that are needed even if every draw becomes a motion, and at least one until all robots are
-    /// done.
+    /// The next shards in their order, at most [`MOST_NEXT`] per robot: those that are needed even if every draw becomes a motion, and at
+    /// least one until all robots are done.
     fn next(&self, courses: &[Course]) -> Vec<ShardId> {
         let mut next = Vec::new();
         for (robot, (course, subject)) in courses.iter().zip(&self.subjects).enumerate() {
             if course.done(self, subject) {
                 continue;
             }
-            let needed = (subject.count - course.motions).div_ceil(self.spec.shard);
+            let needed = (subject.count - course.motions).div_ceil(self.spec.shard).min(MOST_NEXT);
             next.extend((course.next..course.next + needed).map(|number| ShardId { robot, number }));
         }
         // All robots advance together.

@@ -101,7 +101,7 @@ class Report:
 
     @property
     def outcome(self) -> str:
-        """How the motion ended."""
+        """End of the motion: upright or fallen, on the plan or off it."""
         if not self.upright:
             return f"falls at {self.fall_time:.2f} s: {self.fall}"
         return f"upright to the end, {'on' if self.followed else 'off'} the plan"
