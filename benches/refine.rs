@@ -1,12 +1,18 @@
-//! Comparison of gaits as found, with their cost minimised for the same durations, and refined: cost, time, changed durations.
+//! Comparison of typical gaits as found, with their cost minimised for the same durations, and refined, and of the best gait that a search
+//! finds in the same family: cost, time, changed durations.
 //! `cargo bench --bench refine -- [--fixed] [--horizon-fixed] [NAME]...`
 
+#[path = "common/cpu_time.rs"]
+mod cpu_time;
+
+use cpu_time::cpu_seconds;
 use cregopt::backend::Cpu;
 use cregopt::gait::cost::{CostWeights, cost};
 use cregopt::gait::family::{GaitFamily, PeriodicGait};
 use cregopt::refine::{RefineSettings, refine};
 use cregopt::robot::Robot;
 use cregopt::search::evaluate::{Evaluated, LowerSettings, evaluate};
+use cregopt::search::{Gaits, Search, SearchSettings};
 use cregopt::task::{Goal, Task};
 use cregopt::terrain::Terrain;
 use std::f64::consts::PI;
@@ -56,12 +62,13 @@ fn found(task: &Task, gait: &str, iterations: usize) -> cregopt::Result<Option<(
     Ok(results.pop().flatten().filter(|r| r.feasible).map(|r| (r, start.elapsed().as_secs_f64())))
 }
 
-/// CPU time of all threads of this process so far, s; 0 on systems other than Linux.
-fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // After the name in parentheses: user and system time are fields 14 and 15, in ticks of 10 ms.
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    [11, 12].iter().filter_map(|&i| fields.get(i)?.parse::<f64>().ok()).sum::<f64>() / 100.
+/// Cost of the best gait that a search with default settings finds in a family, and the CPU time of the search, s.
+fn searched(task: &Task, gait: &str) -> cregopt::Result<(f64, f64)> {
+    let settings = SearchSettings { gaits: Gaits::Families(vec![GaitFamily::named(gait)?]), ..SearchSettings::default() };
+    let start = cpu_seconds();
+    let best = Search::new(task).settings(settings).seed(1).run(&Cpu::new(1)?)?.best;
+    let cost = best.candidate.solution.cost.filter(|_| best.feasible()).map_or(f64::NAN, |c| c.total);
+    Ok((cost, cpu_seconds() - start))
 }
 
 fn main() -> cregopt::Result<()> {
@@ -72,9 +79,9 @@ fn main() -> cregopt::Result<()> {
     let transcription = LowerSettings::default().transcription;
     let weights = CostWeights::default();
     println!(
-        "| gait | found | minimised | refined | minimised over refined | leg, swing, effort before | after | horizon, s | changed, s | residual | status | problems | found, s | minimised, s | refined, s | CPU s |"
+        "| gait | found | minimised | refined | minimised over refined | searched | searched over refined | leg, swing, effort before | after | horizon, s | changed, s | residual | status | problems | found, s | minimised, s | refined, s | CPU s | searched, CPU s |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
+    println!("{}|", "|---".repeat(19));
     for (robot, gait, terrain, goal, yaw) in GAITS {
         let name = format!("{robot} {gait} {terrain} {goal:?} {yaw:.2}");
         if !names.is_empty() && !names.iter().all(|n| name.contains(&n[..])) {
@@ -91,13 +98,15 @@ fn main() -> cregopt::Result<()> {
         let (start, cpu) = (Instant::now(), cpu_seconds());
         let refined = refine(&task, &plain.schedule, &plain.x, &transcription, &weights, &settings, &|| false)?;
         let (took, cpu) = (start.elapsed().as_secs_f64(), cpu_seconds() - cpu);
+        let (best, searching) = searched(&task, gait)?;
         let parts = |c: &cregopt::gait::cost::Cost| format!("{:.3} {:.3} {:.3}", c.leg_work, c.swing_work, weights.effort * c.effort_cost);
         println!(
-            "| {name} | {:.4} | {cost_minimised:.4} | {:.4}{} | {:.3} | {} | {} | {:.2} to {:.2} | {} by up to {:.3} | {:.1e} | {:?} | {} | {seconds:.3} | {} | {took:.0} | {cpu:.1} |",
+            "| {name} | {:.4} | {cost_minimised:.4} | {:.4}{} | {:.3} | {best:.4} | {:.3} | {} | {} | {:.2} to {:.2} | {} by up to {:.3} | {:.1e} | {:?} | {} | {seconds:.3} | {} | {took:.0} | {cpu:.1} | {searching:.1} |",
             price(&plain)?.total,
             refined.after.total,
             if refined.certified { "" } else { " NOT CERTIFIED" },
             cost_minimised / refined.after.total,
+            best / refined.after.total,
             parts(&refined.before),
             parts(&refined.after),
             refined.before.horizon,

@@ -334,29 +334,44 @@ fn swing_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     }
 }
 
-/// Adds the limits of speed and touchdown acceleration of a swing that had begun before, as those of a step from a fixed point.
+/// Share of the acceleration limit that is always left along x and y at the start of a swing that had begun before.
+const LEAST_ALONG: f64 = 0.2;
+
+/// Adds the limits of speed and acceleration of a swing that had begun before, as those of steps from fixed points.
 ///
-/// With position `a`, velocity `v` and remaining time `T`, the velocity at `T / 2` is `1.5 / T (x - a - v T / 6)`, and the acceleration at
-/// `T` is `-6 / T^2 (x - a - v T / 3)`. The speed may be higher before `T / 2`, and the acceleration at the start has no row: there the
-/// certificate can refuse a motion whose rows hold.
+/// With position `a`, velocity `v` and remaining time `T`, a foothold `x` gives in x and y
+///
+/// * the velocity `(1 - u)^2 v + 2 u (1 - u) w` at `u T` with `w = 3 / T (x - a - v T / 3)`. It stays below the limit `V` if
+///   `|w| <= V + sqrt(V (V - |v|))`.
+/// * the acceleration `6 / T^2 (x - a - 2 v T / 3)` at the start and `-6 / T^2 (x - a - v T / 3)` at touchdown.
+///
+/// At the start, the acceleration in z is that to the lowest allowed mid node, or to the ground below the foot.
 fn started_limits<T: Real>(b: &mut Builder<T>, foot: usize, law: &SwingLaw, curve: &SwingCurve) {
-    let Some(SwingState { position: [x, y, _], velocity: [vx, vy, _], .. }) = b.task.start_swings[foot] else { return };
+    let Some(SwingState { position: [x, y, z], velocity: [vx, vy, vz], .. }) = b.task.start_swings[foot] else { return };
     let (duration, after, height) = (b.feet[foot].phases[1].end, b.feet[foot].footholds[1], b.feet[foot].heights[0]);
     let step = b.step_within(duration / 2., height);
     let from = |part: f64| [x + vx * duration * part, y + vy * duration * part];
+    let before = b.foothold(true, from(1. / 3.), 0.);
     if let Some(longest) = law.longest_step {
-        let before = b.foothold(true, from(1. / 6.), 0.);
-        let limit = T::of(longest * TOP_SPEED / 1.5);
-        let foothold = [before.index, after.index];
+        let fastest = longest * TOP_SPEED / duration;
+        let largest = fastest + (fastest * (fastest - vx.hypot(vy)).max(0.)).sqrt();
+        let (limit, foothold) = (T::of(largest * duration / 3.), [before.index, after.index]);
         b.tables.strides.push(Stride { limit, foothold, foothold_column: [NONE; 2], place: Place::default() });
         b.element(Family::Stride, b.tables.strides.len() - 1, step, &[before, after].map(|f| Use::Touches(f.block)));
     }
     if law.accelerations.is_some() {
-        let before = b.foothold(true, from(1. / 3.), 0.);
+        let by_step = 6. / (duration * duration);
         let by_height = curve.mid().map_or(0., |mid| 6. / ((duration - mid) * (duration - mid)));
-        let by = [6. / (duration * duration), by_height].map(T::of);
-        b.tables.accelerations.push(Acceleration::new(by, [before.index, after.index]));
-        let uses = [Use::Touches(height), Use::Touches(before.block), Use::Touches(after.block)];
-        b.element(Family::Acceleration, b.tables.accelerations.len() - 1, step, &uses);
+        let limit = b.tables.constants.foot_acceleration.as_f64();
+        let ground = b.task.terrain.height(x, y);
+        let (time, top) = curve.mid().map_or((duration, ground), |mid| (mid, ground + law.clearance));
+        let upwards = (6. * (top - z) / time - 4. * vz) / time;
+        let left = (limit * limit - upwards * upwards).max((LEAST_ALONG * limit).powi(2)).sqrt();
+        let start = b.foothold(true, from(2. / 3.), 0.);
+        for (before, by) in [(before, [by_step, by_height]), (start, [by_step * limit / left, 0.])] {
+            b.tables.accelerations.push(Acceleration::new(by.map(T::of), [before.index, after.index]));
+            let uses = [Use::Touches(height), Use::Touches(before.block), Use::Touches(after.block)];
+            b.element(Family::Acceleration, b.tables.accelerations.len() - 1, step, &uses);
+        }
     }
 }

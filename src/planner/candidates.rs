@@ -4,7 +4,7 @@ use super::{Cycle, Planner};
 use crate::error::Result;
 use crate::gait::family::{GaitFamily, time_scale};
 use crate::gait::{AlignedSchedule, Schedule};
-use crate::nlp::transcription::interval;
+use crate::nlp::transcription::{interval, legs};
 use crate::search::cem::random::Draws;
 use crate::task::Task;
 
@@ -71,16 +71,18 @@ impl Planner {
         let (horizon, interval) = (self.horizon(), interval(&self.transcription, &self.task.robot));
         let candidate = |&gait: &Cycle| {
             let schedule = gait.schedule(self.offsets(&gait), &self.contacts, horizon)?;
-            Ok(Candidate { gait, task: self.descending(&schedule), schedule: schedule.aligned(interval) })
+            Ok(Candidate { gait, task: self.startable(&schedule), schedule: schedule.aligned(interval) })
         };
         gaits.iter().map(candidate).collect()
     }
 
-    /// The task with feet in the air that descend no faster than a cubic to the ground can, in the time that a schedule gives them.
+    /// The task with feet in the air that are no faster than their limit, and that descend no faster than a cubic to the ground can, in the
+    /// time that a schedule gives them.
     ///
     /// A cubic from height `h` with the velocity `-v` to rest on the ground after `t` stays above the ground if `v t <= 3 h`.
-    fn descending(&self, schedule: &Schedule) -> Task {
+    fn startable(&self, schedule: &Schedule) -> Task {
         let mut task = self.task.clone();
+        let fastest = legs::foot_speed(&self.transcription, &self.robot);
         for (state, durations) in task.start_swings.iter_mut().zip(schedule.durations()) {
             let Some(state) = state else { continue };
             let [x, y, z] = state.position;
@@ -88,7 +90,9 @@ impl Planner {
             let time = state.rise(durations[1]).unwrap_or(durations[1]);
             let height = (z - ground).max(0.);
             state.position[2] = ground + height;
-            state.velocity[2] = state.velocity[2].max(-3. * height / time);
+            let [vx, vy, vz] = state.velocity;
+            let slower = (fastest / vx.hypot(vy)).min(1.);
+            state.velocity = [slower * vx, slower * vy, vz.max(-3. * height / time)];
         }
         task
     }

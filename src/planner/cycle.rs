@@ -21,11 +21,13 @@ pub struct Contact {
     pub in_air: bool,
     /// Time since its last touchdown or lift-off, s.
     pub since: f64,
+    /// Shortest time in which a foot in the air can land, s.
+    pub landing: f64,
 }
 
 impl Contact {
     /// A foot that has stood for long enough to lift off.
-    pub const STANDING: Contact = Contact { in_air: false, since: 1. };
+    pub const STANDING: Contact = Contact { in_air: false, since: 1., landing: 0. };
 }
 
 /// Gait that repeats one stride, at a point of the stride.
@@ -66,7 +68,10 @@ impl Cycle {
         let (until_land, until_lift) = ((swing - at) * period, (1. - at) * period);
         let expected = at < swing;
         match (contact.in_air, expected) {
-            (true, true) => [until_land.max(SHORTEST_FIRST), until_land + self.stance],
+            (true, true) => {
+                let land = until_land.max(SHORTEST_FIRST).max(contact.landing);
+                [land, (until_land + self.stance).max(land + SHORTEST_STANCE)]
+            }
             (true, false) => {
                 let land = self.landing(contact);
                 [land, if until_lift < land + SHORTEST_STANCE { until_lift + period } else { until_lift }]
@@ -84,7 +89,7 @@ impl Cycle {
 
     /// Time after which a foot in the air lands if the gait has it on the ground, s.
     fn landing(&self, contact: Contact) -> f64 {
-        (self.swing - contact.since).clamp(SHORTEST_FIRST, self.swing)
+        (self.swing - contact.since).clamp(SHORTEST_FIRST, self.swing).max(contact.landing)
     }
 
     /// Schedule from now on.
@@ -167,7 +172,7 @@ mod tests {
     #[test]
     fn feet_that_are_where_the_gait_has_them_follow_it() {
         // 0.05 s into the swing of the first pair; the second lifts off after 0.2 s.
-        let air = Contact { in_air: true, since: 0.05 };
+        let air = Contact { in_air: true, since: 0.05, landing: 0. };
         let got = durations(&trot(0.1), [air, STANDS, STANDS, air], 0.8);
         close(&got[0], &[0., 0.15, 0.3, 0.2, 0.15]);
         close(&got[1], &[0.2, 0.2, 0.3, 0.2, -0.1]);
@@ -178,7 +183,7 @@ mod tests {
 
     #[test]
     fn feet_that_are_elsewhere_join_the_gait() {
-        let air = |since| Contact { in_air: true, since };
+        let air = |since| Contact { in_air: true, since, landing: 0. };
         // A foot in the air that should stand lands and keeps the next lift-off.
         let got = durations(&trot(0.5), [air(0.15), STANDS, STANDS, STANDS], 0.8);
         close(&got[0], &[0., 0.05, 0.2, 0.2, 0.3, 0.2, -0.15]);
@@ -186,14 +191,14 @@ mod tests {
         close(&got[1], &[0.02, 0.18, 0.3, 0.2, 0.1]);
         close(&durations(&trot(0.7), [STANDS; 4], 0.8)[1], &[0.4, 0.2, 0.2]);
         // A foot that has just landed does not lift off again.
-        close(&durations(&trot(0.5), [Contact { in_air: false, since: 0.01 }; 4], 0.8)[1], &[0.5, 0.2, 0.1]);
+        close(&durations(&trot(0.5), [Contact { in_air: false, since: 0.01, landing: 0. }; 4], 0.8)[1], &[0.5, 0.2, 0.1]);
         assert!(trot(0.5).mismatch(&TROT, &[air(0.15), STANDS, STANDS, STANDS]) > 0.1);
     }
 
     #[test]
     fn to_stand_feet_land_and_stay() {
         let stand = Cycle { family: None, ..trot(0.3) };
-        let got = durations(&stand, [Contact { in_air: true, since: 0.05 }, STANDS, STANDS, STANDS], 0.8);
+        let got = durations(&stand, [Contact { in_air: true, since: 0.05, landing: 0. }, STANDS, STANDS, STANDS], 0.8);
         close(&got[0], &[0., 0.15, 0.65]);
         close(&got[1], &[0.8]);
     }
@@ -202,7 +207,7 @@ mod tests {
     fn boundaries_keep_clear_of_the_horizon() {
         for step in 0..200 {
             let horizon = 0.5 + 0.001 * step as f64;
-            let air = Contact { in_air: true, since: 0.05 };
+            let air = Contact { in_air: true, since: 0.05, landing: 0. };
             for phases in durations(&trot(0.1), [air, STANDS, STANDS, air], horizon) {
                 let last = phases[phases.len() - 1];
                 assert!(last <= -CLEAR_OF_END + 1e-12 || last >= CLEAR_OF_END - 1e-12, "{phases:?}");

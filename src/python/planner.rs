@@ -128,6 +128,8 @@ pub struct Update {
     plan: Py<Plan>,
     /// True if this update made the plan, False if no candidate held and the plan before stays.
     renewed: bool,
+    /// True if this update made the plan with wider limits of the legs, because no candidate held with the usual ones.
+    stretched: bool,
     /// Number of candidates that were solved.
     solved: usize,
     /// Number of candidates.
@@ -182,8 +184,8 @@ impl Planner {
         let [x, y, yaw_rate] = command;
         let command = Command { velocity: [x, y], yaw_rate };
         let update = py.detach(|| locked(&self.0).update(&state.0, &command, now)).raise()?;
-        let crate::planner::Update { plan, renewed, solved, candidates, iterations, seconds } = update;
-        Ok(Update { plan: Py::new(py, Plan(plan))?, renewed, solved, candidates, iterations, seconds })
+        let crate::planner::Update { plan, renewed, stretched, solved, candidates, iterations, seconds } = update;
+        Ok(Update { plan: Py::new(py, Plan(plan))?, renewed, stretched, solved, candidates, iterations, seconds })
     }
 
     /// Replaces the terrain, for example by a map as the robot sees it now.

@@ -8,6 +8,7 @@ use cregopt::nlp::Problem;
 use cregopt::nlp::transcription::interval;
 use cregopt::robot::GRAVITY;
 use cregopt::search::evaluate::{Evaluated, LowerSettings};
+use cregopt::solver::Status;
 use cregopt::solver::objective::Objective;
 use cregopt::task::{SwingState, Task};
 use cregopt::{Cpu, Evaluate, Trajectory, verify};
@@ -44,6 +45,27 @@ fn a_motion_starts_and_ends_with_feet_in_the_air() {
         let goal = motion.end_state();
         assert!((goal.position[0] - 0.4).abs() < 0.03 && (goal.velocity[0] - 0.5).abs() < 0.15, "{goal:?}");
     }
+}
+
+#[test]
+fn swings_that_had_begun_before_keep_the_limits_of_their_feet() {
+    let mut held = 0;
+    for since in [0.05, 0.1, 0.15, 0.2] {
+        for (speed, up) in [(0.5, 0.), (1.5, 0.8), (2.5, 0.), (3., -0.3), (3.5, 0.5), (4., 0.)] {
+            let mut task = trotting(since);
+            for state in task.start_swings.iter_mut().flatten() {
+                state.velocity = [speed, 0.1 * speed, up];
+            }
+            let (found, motion) = solved(&task, &trot(), 0);
+            if found.outcome.status == Status::Solved {
+                held += 1;
+                let report = verify(&motion, &task.robot, &task.terrain, motion.force_limit.unwrap()).unwrap();
+                let swings = report.rows.families.iter().find(|f| f.family.name() == "swing").unwrap();
+                assert_eq!(swings.violated, 0, "{since} s, {speed} m/s: {swings:?}");
+            }
+        }
+    }
+    assert!(held >= 12, "{held} of 24");
 }
 
 /// Changes the state of foot 1 at the start, in the task and in the curve.

@@ -285,6 +285,31 @@ fn a_foot_that_finds_no_ground_reaches_deeper_at_once() {
 }
 
 #[test]
+fn a_robot_that_is_pushed_in_a_stride_gets_new_plans() {
+    for (start, push) in [(1., [1.2, 0.]), (1.06, [0., 1.]), (1.12, [-0.9, -0.9])] {
+        let mut walk = Walk::new(small(), PlannerSettings { threads: 1, ..PlannerSettings::default() });
+        walk.walk(&ahead(0.4), start);
+        let updates: Vec<Update> = (0..15)
+            .map(|tick| {
+                let mut state = walk.state.clone();
+                // A push of 0.1 s.
+                for axis in 0..if tick < 5 { 2 } else { 0 } {
+                    state.base.velocity[axis] += push[axis] / 5.;
+                }
+                walk.step_from(&state, &ahead(0.4))
+            })
+            .collect();
+        let [renewed, stretched] = [|u: &Update| u.renewed, |u: &Update| u.stretched].map(|of| updates.iter().filter(|u| of(u)).count());
+        assert!(renewed >= 14, "{push:?}: {renewed} of 15 renewed, {stretched} stretched");
+        for update in updates.iter().filter(|update| update.renewed) {
+            let plan = &update.plan;
+            let report = verify(&plan.motion, &plan.robot, &plan.terrain, plan.motion.force_limit.unwrap()).unwrap();
+            assert!(report.feasible, "{push:?}: {report:#?}");
+        }
+    }
+}
+
+#[test]
 fn if_no_candidate_holds_the_plan_before_stays() {
     let mut walk = Walk::new(anymal(), settings());
     let mut fallen = walk.state.clone();

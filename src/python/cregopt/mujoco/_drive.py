@@ -319,6 +319,7 @@ class _Online(Simulation[DriveReport]):
             return
         self.times.append(update.seconds)
         report.kept += not update.renewed
+        report.stretched += update.stretched
         self.pending.append((time + report.delay, update))
 
     def _take(self, update: Update, time: float) -> None:

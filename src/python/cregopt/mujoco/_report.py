@@ -154,9 +154,9 @@ class DriveReport:
     speed_error_rms, turn_error_rms, speed_command_rms : float
         Differences between velocity and command, m/s and rad/s, averaged over 0.4 s, from 1 s after each change of the command and each push on; and
         the commanded speed in the same time. 0 if nothing lasts that long.
-    updates, kept, late : int
-        Number of updates, of those that kept the plan before, and of those that took longer than the time between updates. The simulation waits for
-        them: plans come into force after the delay, however long the update took.
+    updates, kept, stretched, late : int
+        Number of updates, of those that kept the plan before, of those whose plan exceeds the usual limits of the legs, and of those that took longer
+        than the time between updates. The simulation waits for them: plans come into force after the delay, however long the update took.
     ms_median, ms_99 : float
         Durations of updates, ms: median and 99th percentile.
     gaits : list of [float, str]
@@ -186,6 +186,7 @@ class DriveReport:
     speed_command_rms: float = 0.0
     updates: int = 0
     kept: int = 0
+    stretched: int = 0
     late: int = 0
     ms_median: float = 0.0
     ms_99: float = 0.0
@@ -210,7 +211,7 @@ class DriveReport:
             f"  driven    {self.seconds:.2f} s, {len(self.commands)} commands, {len(self.pushes)} pushes, {self.distance:.2f} m from the start",
             f"  speed     off by {self.speed_error_rms:.3f} m/s rms at {self.speed_command_rms:.2f} m/s, turn by {self.turn_error_rms:.3f} rad/s",
             f"  plans     {self.updates} updates at {self.rate:g} Hz, median {self.ms_median:.1f} ms, 99th percentile {self.ms_99:.1f} ms, "
-            f"{self.late} late, {self.kept} kept the plan before",
+            f"{self.late} late, {self.kept} kept the plan before, {self.stretched} stretched",
             f"  gaits     {gaits}",
             f"  torque    at most {100 * self.torque_share:.0f} % of the limit ({self.torque_joint}), "
             f"at a limit {100 * self.torque_saturated:.1f} % of the time",
