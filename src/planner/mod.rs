@@ -7,8 +7,8 @@
 //! own first guess. The cheapest candidate wins; a change of the family must pay for itself. The gait in force and standing are solved
 //! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
 //! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
-//! candidate holds, all are solved again with wider limits: legs stretch further and feet are faster than usual. If none holds even then,
-//! the plan before stays.
+//! candidate holds, they are solved again with wider limits: legs stretch further and feet are faster than usual. Those of the gait in
+//! force come first, and the others only if none of them holds. If no other holds either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -69,8 +69,9 @@ use crate::solver::Solver;
 use crate::task::{BaseState, Goal, SwingState, Task};
 use crate::terrain::Terrain;
 use alternatives::Alternatives;
+use candidates::Candidate;
 use serde::{Deserialize, Serialize};
-use solve::{Solved, Updating};
+use solve::{Choice, Solved, Updating};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use touched::{APART, Touched};
@@ -437,18 +438,16 @@ impl Planner {
         let mut count = solved.iter().flatten().count();
         self.alternatives.learn(&candidates, &solved, start);
         let mut best = self.choose(&candidates, &mut solved, &self.transcription);
-        let stretched = best.is_none();
+        let (stretched, tried) = (best.is_none(), candidates.len());
         if stretched {
-            self.task.robot = stretch(&self.task.robot);
-            candidates.iter_mut().for_each(|candidate| candidate.task.robot = self.task.robot.clone());
-            let (mut solved, more) = self.solve(&candidates, &updating, &self.widest, None);
+            let (found, more, solved) = self.stretched(candidates, &updating);
+            best = found;
             iterations += more;
-            count += solved.iter().flatten().count();
-            best = self.choose(&candidates, &mut solved, &self.widest);
+            count += solved;
         }
         let renewed = best.is_some();
-        if let Some((index, motion, cost)) = best {
-            let (gait, contacts) = (candidates[index].gait, self.contacts.clone());
+        if let Some((gait, motion, cost)) = best {
+            let contacts = self.contacts.clone();
             let (robot, terrain) = (self.task.robot.clone(), self.task.terrain.clone());
             self.plan = Some(Arc::new(Plan { start, motion, gait, cost, robot, terrain, contacts }));
         }
@@ -456,10 +455,30 @@ impl Planner {
         self.now = now;
         self.command = *command;
         let plan = self.plan.clone().ok_or_else(|| {
-            Error::invalid("state", format!("none of {} candidates holds", candidates.len()), "a state from which the robot can go on")
+            Error::invalid("state", format!("none of {tried} candidates holds"), "a state from which the robot can go on")
         })?;
         let seconds = clock.elapsed().as_secs_f64();
-        Ok(Update { plan, renewed, stretched: stretched && renewed, solved: count, candidates: candidates.len(), iterations, seconds })
+        Ok(Update { plan, renewed, stretched: stretched && renewed, solved: count, candidates: tried, iterations, seconds })
+    }
+
+    /// Solves candidates with wider limits. Returns the choice, and the numbers of iterations and of solutions.
+    fn stretched(&mut self, mut candidates: Vec<Candidate>, updating: &Updating) -> (Option<Choice>, usize, usize) {
+        self.task.robot = stretch(&self.task.robot);
+        candidates.iter_mut().for_each(|candidate| candidate.task.robot = self.task.robot.clone());
+        let in_force = self.in_force();
+        // Another gait is the last resort of a robot that is about to fall.
+        let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
+        let (mut iterations, mut count) = (0, 0);
+        for candidates in [same, others] {
+            let (mut solved, more) = self.solve(&candidates, updating, &self.widest, None);
+            iterations += more;
+            count += solved.iter().flatten().count();
+            let best = self.choose(&candidates, &mut solved, &self.widest);
+            if best.is_some() {
+                return (best, iterations, count);
+            }
+        }
+        (None, iterations, count)
     }
 
     fn check(&self, state: &RobotState, command: &Command, now: f64) -> Result<()> {

@@ -1,8 +1,8 @@
 //! Solution and choice of the candidates.
 
-use super::Planner;
 use super::candidates::Candidate;
 use super::warm::Before;
+use super::{Cycle, Planner};
 use crate::backend::{Backend, locked};
 use crate::gait::Trajectory;
 use crate::gait::family::GaitFamily;
@@ -48,6 +48,9 @@ pub(super) struct Solved {
     pub cost: f64,
     outcome: Outcome,
 }
+
+/// Gait that was chosen, its motion and cost.
+pub(super) type Choice = (Cycle, Trajectory, f64);
 
 impl Planner {
     /// Solves candidates, in their order because a deadline drops the last ones. Returns their solutions and the number of iterations.
@@ -150,11 +153,11 @@ impl Planner {
         candidates: &[Candidate],
         solved: &mut [Option<Solved>],
         transcription: &TranscriptionSettings,
-    ) -> Option<(usize, Trajectory, f64)> {
+    ) -> Option<Choice> {
         let in_force = self.in_force();
         let value = |index: usize, cost: f64| {
             let stays = in_force == Some(candidates[index].gait.family);
-            let unchanged = index == 0 && in_force.is_some();
+            let unchanged = stays && index == 0;
             cost * if stays { 1. - self.settings.hysteresis } else { 1. } * if unchanged { 1. } else { 1. + CHANGE }
         };
         loop {
@@ -163,7 +166,7 @@ impl Planner {
             let found = solved[best].take()?;
             let cost = found.cost;
             if let Some(motion) = self.certified(&candidates[best], found, transcription) {
-                return Some((best, motion, cost));
+                return Some((candidates[best].gait, motion, cost));
             }
         }
     }
