@@ -1,5 +1,5 @@
-//! Comparison of typical gaits as found, with their cost minimised for the same durations, and refined, and of the best gait that a search
-//! finds in the same family: cost, time, changed durations.
+//! Cost, time and changed durations of typical gaits: as found, minimised with their durations held, and refined. Beside them the best gait
+//! that a search finds in the same family.
 //! `cargo bench --bench refine -- [--fixed] [--horizon-fixed] [NAME]...`
 
 #[path = "common/cpu_time.rs"]

@@ -162,6 +162,30 @@ impl Schedule {
         self.ended_at(self.horizon())
     }
 
+    /// The schedule with another number of strides: each foot repeats or leaves out some of its swings, evenly spread, together with the
+    /// stances before them. It swings as long as before in all, so that its mean speed in the air stays. All feet end when the last one
+    /// did. `None` if a foot has fewer than two swings before or none after, or is in the air at an end.
+    ///
+    /// * `strides` - number of swings of a foot after the change, from that before it; at least half of it
+    pub fn with_strides(&self, strides: impl Fn(usize) -> usize) -> Option<Schedule> {
+        let changed = |phases: &Vec<f64>| {
+            let before = phases.len() / 2;
+            let after = strides(before);
+            let in_air = starts_in_swing(phases) || lands_after(phases).is_some();
+            if in_air || before < 2 || after == 0 || 2 * after < before {
+                return None;
+            }
+            let mut changed: Vec<f64> = (0..after).flat_map(|i| phases[(2 * i + 1) * before / (2 * after) * 2..][..2].to_vec()).collect();
+            changed.extend(phases.last());
+            let swings = |phases: &[f64]| phases.iter().skip(1).step_by(2).sum::<f64>();
+            let factor = swings(phases) / swings(&changed);
+            changed.iter_mut().skip(1).step_by(2).for_each(|swing| *swing *= factor);
+            Some(changed)
+        };
+        let durations = self.durations.iter().map(changed).collect::<Option<Vec<_>>>()?;
+        Schedule::new(durations).ok().map(|schedule| schedule.stretched())
+    }
+
     fn ended_at(&self, horizon: f64) -> Schedule {
         let mut durations = self.durations.clone();
         for phases in &mut durations {

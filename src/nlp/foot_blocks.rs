@@ -4,7 +4,7 @@ use super::builder::Builder;
 use super::footing;
 use super::swing_curve::{FootWeights, SwingCurve};
 use super::transcription::{ReachTime, SwingLaw, Transcribe};
-use crate::gait::spline::hermite;
+use crate::gait::spline::{hermite, hermite_acceleration};
 use crate::gait::swing::TOP_SPEED;
 use crate::real::Real;
 use crate::robot::{FootReach, Slab};
@@ -365,7 +365,8 @@ fn started_limits<T: Real>(b: &mut Builder<T>, foot: usize, law: &SwingLaw, curv
         let limit = b.tables.constants.foot_acceleration.as_f64();
         let ground = b.task.terrain.height(x, y);
         let (time, top) = curve.mid().map_or((duration, ground), |mid| (mid, ground + law.clearance));
-        let upwards = (6. * (top - z) / time - 4. * vz) / time;
+        let [by_start, by_velocity, by_end, _] = hermite_acceleration(0., time);
+        let upwards = by_start * z + by_velocity * vz + by_end * top;
         let left = (limit * limit - upwards * upwards).max((LEAST_ALONG * limit).powi(2)).sqrt();
         let start = b.foothold(true, from(2. / 3.), 0.);
         for (before, by) in [(before, [by_step, by_height]), (start, [by_step * limit / left, 0.])] {

@@ -78,8 +78,6 @@ impl Planner {
 
     /// The task with feet in the air that are no faster than their limit, and that descend no faster than a cubic to the ground can, in the
     /// time that a schedule gives them.
-    ///
-    /// A cubic from height `h` with the velocity `-v` to rest on the ground after `t` stays above the ground if `v t <= 3 h`.
     fn startable(&self, schedule: &Schedule) -> Task {
         let mut task = self.task.clone();
         let fastest = legs::foot_speed(&self.transcription, &self.robot);
@@ -92,7 +90,7 @@ impl Planner {
             state.position[2] = ground + height;
             let [vx, vy, vz] = state.velocity;
             let slower = (fastest / vx.hypot(vy)).min(1.);
-            state.velocity = [slower * vx, slower * vy, vz.max(-3. * height / time)];
+            state.velocity = [slower * vx, slower * vy, descent(height, vz, time)];
         }
         task
     }
@@ -108,6 +106,11 @@ impl Planner {
         let of = |family: GaitFamily| self.families.iter().find(|(name, _)| *name == family);
         gait.family.and_then(of).or(self.families.first()).map_or(&[], |(_, offsets)| offsets)
     }
+}
+
+/// The velocity in z of a foot at a height, m/s, limited so that a cubic to rest on the ground after `time` s stays above the ground.
+pub(super) fn descent(height: f64, velocity: f64, time: f64) -> f64 {
+    velocity.max(-3. * height / time)
 }
 
 #[cfg(test)]

@@ -7,8 +7,9 @@
 //! own first guess. The cheapest candidate wins; a change of the family must pay for itself. The gait in force and standing are solved
 //! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
 //! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
-//! candidate holds, they are solved again with wider limits: legs stretch further and feet are faster than usual. Those of the gait in
-//! force come first, and the others only if none of them holds. If no other holds either, the plan before stays.
+//! candidate holds, legs may stretch to the end of their reach. If none holds even then, they are solved with wider limits: legs stretch
+//! further and feet are faster than usual. Those of the gait in force come first, and the others only if none of them holds. If no other
+//! holds either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -60,6 +61,7 @@ use crate::gait::Trajectory;
 use crate::gait::cost::CostWeights;
 use crate::gait::family::{GaitFamily, default_families, offsets};
 use crate::gait::schedule::starts_in_swing;
+use crate::gait::spline::hermite_acceleration;
 use crate::gait::trajectory::GoalVelocity;
 use crate::nlp::RESPONSE;
 use crate::nlp::transcription::{interval, legs};
@@ -69,7 +71,7 @@ use crate::solver::Solver;
 use crate::task::{BaseState, Goal, SwingState, Task};
 use crate::terrain::Terrain;
 use alternatives::Alternatives;
-use candidates::Candidate;
+use candidates::{Candidate, descent};
 use serde::{Deserialize, Serialize};
 use solve::{Choice, Solved, Updating};
 use std::sync::{Arc, Mutex};
@@ -301,6 +303,8 @@ pub struct Planner {
     task: Task,
     settings: PlannerSettings,
     transcription: TranscriptionSettings,
+    /// Without the margin of the reach boxes, for states from which no candidate holds with it.
+    full: TranscriptionSettings,
     /// With wider limits, for states from which no candidate holds with the usual ones.
     widest: TranscriptionSettings,
     solver: SolverSettings,
@@ -340,11 +344,11 @@ impl Planner {
             reach_margin: settings.reach_margin * task.robot.base_height,
             ..TranscriptionSettings::default()
         };
+        let full = TranscriptionSettings { reach_margin: 0., ..transcription.clone() };
         let widest = TranscriptionSettings {
-            reach_margin: 0.,
             foot_speed: Some(HURRY * legs::foot_speed(&transcription, &task.robot)),
             foot_acceleration: legs::foot_acceleration(&transcription, &task.robot).map(|limit| HURRY * limit),
-            ..transcription.clone()
+            ..full.clone()
         };
         let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
         solver.optimise.iterations = settings.optimise_iterations;
@@ -359,6 +363,7 @@ impl Planner {
             task,
             settings,
             transcription,
+            full,
             widest,
             solver,
             families,
@@ -438,12 +443,19 @@ impl Planner {
         let mut count = solved.iter().flatten().count();
         self.alternatives.learn(&candidates, &solved, start);
         let mut best = self.choose(&candidates, &mut solved, &self.transcription);
-        let (stretched, tried) = (best.is_none(), candidates.len());
+        let tried = candidates.len();
+        if best.is_none() {
+            best = self.solve_again(&candidates, &updating, &self.full, &mut iterations, &mut count);
+        }
+        let stretched = best.is_none();
         if stretched {
-            let (found, more, solved) = self.stretched(candidates, &updating);
-            best = found;
-            iterations += more;
-            count += solved;
+            self.task.robot = stretch(&self.task.robot);
+            candidates.iter_mut().for_each(|candidate| candidate.task.robot = self.task.robot.clone());
+            // Another gait is the last resort of a robot that is about to fall.
+            let in_force = self.in_force();
+            let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
+            let mut again = |candidates| self.solve_again(candidates, &updating, &self.widest, &mut iterations, &mut count);
+            best = again(&same).or_else(|| again(&others));
         }
         let renewed = best.is_some();
         if let Some((gait, motion, cost)) = best {
@@ -461,24 +473,21 @@ impl Planner {
         Ok(Update { plan, renewed, stretched: stretched && renewed, solved: count, candidates: tried, iterations, seconds })
     }
 
-    /// Solves candidates with wider limits. Returns the choice, and the numbers of iterations and of solutions.
-    fn stretched(&mut self, mut candidates: Vec<Candidate>, updating: &Updating) -> (Option<Choice>, usize, usize) {
-        self.task.robot = stretch(&self.task.robot);
-        candidates.iter_mut().for_each(|candidate| candidate.task.robot = self.task.robot.clone());
-        let in_force = self.in_force();
-        // Another gait is the last resort of a robot that is about to fall.
-        let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
-        let (mut iterations, mut count) = (0, 0);
-        for candidates in [same, others] {
-            let (mut solved, more) = self.solve(&candidates, updating, &self.widest, None);
-            iterations += more;
-            count += solved.iter().flatten().count();
-            let best = self.choose(&candidates, &mut solved, &self.widest);
-            if best.is_some() {
-                return (best, iterations, count);
-            }
-        }
-        (None, iterations, count)
+    /// Solves candidates with other limits, and chooses one.
+    ///
+    /// * `iterations`, `count` - in and out: numbers of iterations and of solutions of the update
+    fn solve_again(
+        &self,
+        candidates: &[Candidate],
+        updating: &Updating,
+        transcription: &TranscriptionSettings,
+        iterations: &mut usize,
+        count: &mut usize,
+    ) -> Option<Choice> {
+        let (mut solved, more) = self.solve(candidates, updating, transcription, None);
+        *iterations += more;
+        *count += solved.iter().flatten().count();
+        self.choose(candidates, &mut solved, transcription)
     }
 
     fn check(&self, state: &RobotState, command: &Command, now: f64) -> Result<()> {
@@ -554,14 +563,14 @@ impl Planner {
             let [x, y, z] = at.position;
             let lifted = !at.contact && z > self.task.terrain.height(x, y) + LIFTED;
             self.contacts[foot] = match planned {
-                None if lifted => Contact { in_air: true, since: 0., landing: 0. },
+                None if lifted => Contact { in_air: true, since: 0., ..Contact::STANDING },
                 None => Contact::STANDING,
                 // Early touchdown.
-                Some((contact, left)) if at.contact && lands_early(contact, left) => Contact { in_air: false, since: 0., landing: 0. },
+                Some((contact, left)) if at.contact && lands_early(contact, left) => Contact { since: 0., ..Contact::STANDING },
                 // Late touchdown, or a foot that lost the ground.
-                Some((Contact { in_air: false, since, .. }, _)) if lifted => {
+                Some((contact @ Contact { in_air: false, since, .. }, _)) if lifted => {
                     let swing = self.plan.as_ref().map_or(0., |plan| plan.gait.swing);
-                    Contact { in_air: true, since: since.max(FALLING * swing), landing: 0. }
+                    Contact { in_air: true, since: since.max(FALLING * swing), ..contact }
                 }
                 Some((contact, _)) => contact,
             };
@@ -575,10 +584,13 @@ impl Planner {
         let ([x, y, z], [vx, vy, vz]) = (at.position, at.velocity);
         let height = (z - self.task.terrain.height(x, y)).max(0.);
         let hardest = |time: f64| {
-            let down = vz.max(-3. * height / time);
-            let [start, end] = [6. * height / time + 4. * down, 6. * height / time + 2. * down];
+            let down = descent(height, vz, time);
+            let [start, end] = [0., time].map(|t| {
+                let [by_height, by_velocity, ..] = hermite_acceleration(t, time);
+                (by_height * height + by_velocity * down).abs()
+            });
             // The foothold that needs the least acceleration along x and y is `v time / 2` away.
-            vx.hypot(vy).hypot(start.abs().max(end.abs())) / time
+            (vx.hypot(vy) / time).hypot(start.max(end))
         };
         let mut time = SHORTEST_LANDING;
         while hardest(time) > LANDING_SHARE * limit && time < LONGEST_LANDING {

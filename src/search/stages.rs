@@ -1,29 +1,24 @@
-//! Stages of a search: typical gaits of the families, generations of the cross-entropy method, and the neighbourhood of the best gait.
+//! Stages of a search: typical gaits of the families, generations of the cross-entropy method, the neighbourhood of the best gait, and
+//! descents along durations.
+
+mod descents;
 
 use super::batch::{BatchSolver, ScheduleSolver};
 use super::cem::{
     self, Candidate, CemSettings, Distribution, FreeDistribution, Generation, GenerationEvaluator, GenerationRecord, PeriodicDistribution,
     PerturbDistribution, RankedCandidate, Sampler, SelectionGoal, StopReason, Stopping,
 };
-use super::evaluate::{Evaluated, EvaluationContext};
+use super::evaluate::Evaluated;
 use super::on_demand::best_certified;
 use super::timed::{Clock, TimedEvaluator};
 use super::{Gait, Gaits, Improvement, SearchEvent, SearchResult, SearchSettings};
-use crate::backend::Solution;
 use crate::error::{Error, Result};
 use crate::gait::Schedule;
 use crate::gait::family::{GaitFamily, default_families};
 use crate::gait::joints;
-use crate::nlp::Curves;
-use crate::refine::durations::{Descent, Timed};
 use crate::settings::Transcription;
-use crate::solver::Outcome;
 use crate::task::Task;
-use rayon::prelude::*;
 use tracing::{debug, info};
-
-/// Number of rounds in which durations are optimised.
-const DURATION_ROUNDS: usize = 3;
 
 /// Evaluator of the generations of a search.
 type BatchEvaluator<'a> = TimedEvaluator<'a, BatchSolver<'a>>;
@@ -97,41 +92,6 @@ impl<'a, 's> SearchState<'a, 's> {
             self.optimise_durations();
         }
         Ok(stop)
-    }
-
-    /// Optimises the durations of the best gaits of all families. Each round goes on with the better half.
-    fn optimise_durations(&mut self) {
-        let (solver, clock, settings) = (self.solver, self.clock, self.settings.cem(1));
-        let Some(weights) = solver.cost else { return };
-        let cancelled = || clock.cancelled() || clock.expired();
-        let (pool, steps) = (solver.backend.pool(), self.settings.duration_steps.div_ceil(DURATION_ROUNDS));
-        let descent = |old: Candidate<Evaluated>| {
-            let (lower, gait) = (solver.settings, (&old.solution.schedule, &old.solution.x[..]));
-            let descent = Descent::new(solver.task, gait, &lower.transcription, weights, &lower.solver, &cancelled);
-            descent.map(|descent| (old, descent))
-        };
-        let gaits = self.best_of_families(self.settings.timed_gaits);
-        let mut descents: Vec<_> = pool.install(|| gaits.into_par_iter().filter_map(descent).collect());
-        for round in 0..DURATION_ROUNDS {
-            let count = (self.settings.timed_gaits >> round).max(1).min(descents.len());
-            let advanced = |(old, descent): &mut (Candidate<Evaluated>, Descent)| {
-                descent.advance(steps, &cancelled);
-                with_durations(solver, &settings, old, descent.timed())
-            };
-            let candidates: Vec<_> = pool.install(|| descents[..count].par_iter_mut().map(advanced).collect());
-            candidates.iter().filter(|candidate| candidate.evaluation.feasible).for_each(|candidate| self.keep(candidate));
-            descents.sort_by(|(_, a), (_, b)| a.cost().total_cmp(&b.cost()));
-            self.report_improvement();
-        }
-        self.duration_solves += descents.iter().map(|(_, descent)| descent.minimisations()).sum::<usize>();
-    }
-
-    /// The best certified candidates of different families, best first.
-    fn best_of_families(&self, count: usize) -> Vec<Candidate<Evaluated>> {
-        let mut gaits: Vec<_> = self.best.iter().chain(&self.by_family).collect();
-        gaits.sort_by(|a, b| b.objective.total_cmp(&a.objective));
-        gaits.dedup_by_key(|gait| gait.family);
-        gaits.into_iter().take(count).cloned().collect()
     }
 
     /// The best certified candidate of a family.
@@ -366,14 +326,4 @@ impl<'a, 's> SearchState<'a, 's> {
             seconds: self.clock.seconds(),
         })
     }
-}
-
-/// Candidate with other durations and the motion of least cost for them.
-fn with_durations(solver: &BatchSolver, settings: &CemSettings, old: &Candidate<Evaluated>, timed: Timed) -> RankedCandidate<Evaluated> {
-    let BatchSolver { task, settings: lower, cost, .. } = *solver;
-    let curves = Curves::new(task, &timed.schedule, &lower.transcription);
-    let outcome = Outcome { iterations: old.solution.outcome.iterations + timed.outcome.iterations, ..timed.outcome };
-    let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
-    let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
-    old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution)))
 }

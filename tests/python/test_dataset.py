@@ -81,6 +81,13 @@ def test_motions_that_begin_and_end_moving_are_followed(data: pathlib.Path, mode
     assert code == 0 and capsys.readouterr().out.splitlines()[-1] == "2 of 2 motions followed"
 
 
+@pytest.mark.parametrize("given", [["--play", "--format", "mjlab"], ["--out", "motions", "--seed", "1"], ["--out", "motions", "--json"]])
+def test_options_of_the_other_action_are_refused(given: list[str]) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main(["dataset", "data", "--robot", "small", "--model", "small.xml", *given])
+    assert refused.value.code == 2
+
+
 class StandIn:
     """NumPy in the place of PyTorch, for the few calls of the loader."""
 

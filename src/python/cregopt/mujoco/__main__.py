@@ -83,7 +83,7 @@ def dataset_arguments() -> argparse.ArgumentParser:
     parser.add_argument("--robot", required=True, metavar="NAME", help="robot of the data set: name of its folder")
     parser.add_argument("--model", required=True, metavar="FILE", help="MuJoCo model of the robot, that of the trainer")
     parser.add_argument("--feet", metavar="NAME,...", help="geoms, bodies or sites that are the feet, in the robot's order [default: found]")
-    parser.add_argument("--format", choices=FORMS, default=FORMS[0], help="mjlab: one file per motion; loco-mujoco: one file [default: mjlab]")
+    parser.add_argument("--format", choices=FORMS, help=f"with --out: mjlab: one file per motion; loco-mujoco: one file [default: {FORMS[0]}]")
     action = parser.add_mutually_exclusive_group(required=True)
     action.add_argument("--out", metavar="PATH", help="folder for mjlab, file (.npz) for loco-mujoco")
     action.add_argument("--play", action="store_true", help="play the motions on the model, which needs motors")
@@ -94,11 +94,16 @@ def dataset_arguments() -> argparse.ArgumentParser:
 
 
 def run_dataset(given: Sequence[str]) -> int:
-    options = dataset_arguments().parse_args(given)
+    parser = dataset_arguments()
+    options = parser.parse_args(given)
+    if options.play and options.format is not None:
+        parser.error("--format needs --out")
+    if not options.play and (options.json or options.seed is not None):
+        parser.error("--seed and --json need --play")
     feet = options.feet.split(",") if options.feet else None
     try:
         if not options.play:
-            print(export(options.folder, options.robot, options.model, options.out, options.format, feet=feet, most=options.most))
+            print(export(options.folder, options.robot, options.model, options.out, options.format or FORMS[0], feet=feet, most=options.most))
             return UPRIGHT
         reports = play_dataset(options.folder, options.robot, options.model, feet=feet, most=options.most, seed=options.seed)
     except (Error, ImportError, OSError) as error:

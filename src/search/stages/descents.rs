@@ -1,0 +1,126 @@
+//! Last stage of a search: descents of the cost along the durations of the best gaits, and of the best gait with other numbers of strides.
+
+use super::SearchState;
+use crate::backend::Solution;
+use crate::gait::Schedule;
+use crate::gait::family::GaitFamily;
+use crate::nlp::Curves;
+use crate::refine::durations::{Descent, Timed};
+use crate::search::batch::{BatchSolver, ScheduleSolver};
+use crate::search::cem::{Candidate, CemSettings, RankedCandidate};
+use crate::search::evaluate::{Evaluated, EvaluationContext};
+use crate::solver::Outcome;
+use rayon::prelude::*;
+
+/// Number of rounds in which durations are optimised, and their largest number while each finds a better number of strides.
+const DURATION_ROUNDS: [usize; 2] = [3, 6];
+
+/// Numbers of strides with which the best gait is tried, fewer and more, as shares of its own. Far ones first.
+const STRIDES: [[f64; 3]; 2] = [[0.7, 0.8, 0.9], [1.4, 1.2, 1.1]];
+
+/// Largest ratio of the cost of a gait with another number of strides to that of the best gait with which its durations are optimised.
+/// In searches for ANYmal, HyQ, a hexapod and a biped, gaits that became the best began with ratios up to 1.054, and none above 1.1 did.
+const WORTH_DESCENDING: f64 = 1.06;
+
+/// Descent along the durations of a gait.
+struct GaitDescent<'a> {
+    /// The gait before the descent.
+    gait: Candidate<Evaluated>,
+    descent: Descent<'a>,
+}
+
+impl SearchState<'_, '_> {
+    /// Optimises the durations of the best gaits of all families. Each round goes on with the better half, and with the best gait with one
+    /// stride more and with one less.
+    pub(super) fn optimise_durations(&mut self) {
+        let (solver, clock, settings) = (self.solver, self.clock, self.settings.cem(1));
+        let Some(weights) = solver.cost else { return };
+        let cancelled = || clock.cancelled() || clock.expired();
+        let (pool, steps) = (solver.backend.pool(), self.settings.duration_steps.div_ceil(DURATION_ROUNDS[0]));
+        let begun = |gait: Candidate<Evaluated>| {
+            let (lower, at) = (solver.settings, (&gait.solution.schedule, &gait.solution.x[..]));
+            let descent = Descent::new(solver.task, at, &lower.transcription, weights, &lower.solver, &cancelled);
+            descent.map(|descent| GaitDescent { gait, descent })
+        };
+        let mut new = self.best_of_families(self.settings.timed_gaits);
+        let mut tried: Vec<_> = new.iter().map(strides).collect();
+        let mut descents: Vec<GaitDescent> = Vec::new();
+        for round in 0..DURATION_ROUNDS[1] {
+            if round > 0 {
+                descents.truncate((self.settings.timed_gaits >> round).max(1));
+            }
+            let leader = descents.first().map(GaitDescent::strides);
+            descents.append(&mut pool.install(|| new.into_par_iter().filter_map(begun).collect()));
+            let advanced = |GaitDescent { gait, descent }: &mut GaitDescent| {
+                descent.advance(steps, &cancelled);
+                with_durations(solver, &settings, gait, descent.timed())
+            };
+            let candidates: Vec<_> = pool.install(|| descents.par_iter_mut().map(advanced).collect());
+            candidates.iter().filter(|candidate| candidate.evaluation.feasible).for_each(|candidate| self.keep(candidate));
+            descents.sort_by(|a, b| a.descent.cost().total_cmp(&b.descent.cost()));
+            self.report_improvement();
+            let Some(best) = descents.first() else { break };
+            let settled = leader.as_ref() == Some(&best.strides());
+            if cancelled() || settled && round + 1 >= DURATION_ROUNDS[0] {
+                break;
+            }
+            new = self.with_other_strides(best, &tried);
+            tried.extend(new.iter().map(strides));
+        }
+        self.duration_solves += descents.iter().map(|of| of.descent.minimisations()).sum::<usize>();
+    }
+
+    /// The best certified candidates of different families, best first.
+    fn best_of_families(&self, count: usize) -> Vec<Candidate<Evaluated>> {
+        let mut gaits: Vec<_> = self.best.iter().chain(&self.by_family).collect();
+        gaits.sort_by(|a, b| b.objective.total_cmp(&a.objective));
+        gaits.dedup_by_key(|gait| gait.family);
+        gaits.into_iter().take(count).cloned().collect()
+    }
+
+    /// The gait of a descent with fewer and with more strides, where that is new and not too expensive.
+    ///
+    /// * `tried` - families and numbers of stances that were descended from
+    fn with_other_strides(&mut self, of: &GaitDescent, tried: &[Strides]) -> Vec<Candidate<Evaluated>> {
+        let (solver, settings, GaitDescent { gait, descent }) = (self.solver, self.settings.cem(1), of);
+        let (schedule, limit) = (descent.timed().schedule, WORTH_DESCENDING * descent.cost());
+        let others = STRIDES.map(|shares| {
+            let changed = shares.iter().filter_map(|share| schedule.with_strides(|strides| (share * strides as f64).round() as usize));
+            let mut changed: Vec<Schedule> = changed.filter(|schedule| solver.check(schedule).is_ok()).collect();
+            changed.dedup();
+            changed
+        });
+        let solved = |schedule: &Schedule| {
+            let (evaluation, solution) = solver.certify_again(schedule)?;
+            let candidate = Candidate::new(&settings, gait.family, gait.generation, gait.index, schedule.clone(), evaluation, solution);
+            let cost = candidate.evaluation.cost.filter(|_| candidate.evaluation.feasible)?.total;
+            (cost < limit && !tried.contains(&strides(&candidate))).then_some(candidate)
+        };
+        self.duration_solves += others.iter().map(Vec::len).sum::<usize>();
+        let farthest = |schedules: &Vec<Schedule>| schedules.par_iter().filter_map(solved).find_first(|_| true);
+        solver.backend.pool().install(|| others.par_iter().filter_map(farthest).collect())
+    }
+}
+
+/// Family and number of stances of each foot.
+type Strides = (Option<GaitFamily>, Vec<usize>);
+
+fn strides<S>(gait: &Candidate<S>) -> Strides {
+    (gait.family, gait.stances.clone())
+}
+
+impl GaitDescent<'_> {
+    fn strides(&self) -> Strides {
+        strides(&self.gait)
+    }
+}
+
+/// Candidate with other durations and the motion of least cost for them.
+fn with_durations(solver: &BatchSolver, settings: &CemSettings, old: &Candidate<Evaluated>, timed: Timed) -> RankedCandidate<Evaluated> {
+    let BatchSolver { task, settings: lower, cost, .. } = *solver;
+    let curves = Curves::new(task, &timed.schedule, &lower.transcription);
+    let outcome = Outcome { iterations: old.solution.outcome.iterations + timed.outcome.iterations, ..timed.outcome };
+    let solution = Solution { outcome, x: timed.x, variables: curves.variables, curves, closed: true };
+    let solution = EvaluationContext { task, schedule: &timed.schedule, settings: lower, weights: cost }.examined(solution);
+    old.evaluated_again(settings, solution.evaluation, Some(Box::new(solution)))
+}
