@@ -26,9 +26,12 @@ const GRID: [[f64; 2]; 3] = [[0.8, 2.], [0.8, 5.], [0.3, 1.2]];
 /// Largest share of the evaluations that are steps along the gradient of the durations.
 const GRADIENT_SHARE: f64 = 0.5;
 
-/// Number of descents along the durations in the three rounds of a search with the default number of gaits. Each begins with one
-/// minimisation and may repeat that of one motion.
-const DESCENTS: usize = 4 + 2 + 1;
+/// Number of descents along the durations in the three rounds of a search with the default number of gaits, if the best gait is tried with
+/// fewer and more strides after two of them. Each begins with one minimisation and may repeat that of one motion.
+const DESCENTS: usize = 4 + (2 + 2) + (1 + 2);
+
+/// Largest number of minimisations with other numbers of strides in these rounds.
+const OTHER_STRIDES: usize = 2 * 6;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Method {
@@ -77,9 +80,10 @@ fn search(method: Method, task: &Task, evaluations: usize, seed: u64, cpu: &Cpu)
         drawn = drawn.saturating_sub(default_families(&task.robot).len());
     }
     if method == Method::Gradients {
-        let steps = ((GRADIENT_SHARE * evaluations as f64) as usize / DESCENTS).saturating_sub(1).max(1);
+        let descents = (GRADIENT_SHARE * evaluations as f64) as usize;
+        let steps = (descents.saturating_sub(OTHER_STRIDES) / DESCENTS).saturating_sub(1).max(1);
         settings.duration_steps = (3 * steps).min(SearchSettings::default().duration_steps);
-        drawn = drawn.saturating_sub(DESCENTS * (2 + settings.duration_steps / 3));
+        drawn = drawn.saturating_sub(OTHER_STRIDES + DESCENTS * (2 + settings.duration_steps / 3));
     }
     settings = settings.with_population(if cem { (drawn / GENERATIONS).max(2) } else { drawn });
     (settings.generations, settings.perturbed_generations) = if cem { (GENERATIONS - 1, 1) } else { (1, 0) };

@@ -21,7 +21,7 @@
 //! | `search.population` | 16 | candidates per generation; more is slower and finds cheaper gaits |
 //! | `search.generations` | 3 | generations over gait families; more is slower and finds cheaper gaits |
 //! | `search.optimise_iterations` | 6 | iterations that minimise the cost of each candidate; 0 is fast, and gaits cost a tenth more |
-//! | `search.duration_steps` | 21 | steps that optimise the durations of the best gaits; 0 is fast, and gaits cost a twentieth more |
+//! | `search.duration_steps` | 21 | steps that optimise durations and numbers of strides of the best gaits; 0 is fast, and gaits cost a tenth more |
 //! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of joint motion beyond the joint limits |
 //! | `search.free.*` | the paper's | settings of the free distribution; `list` shows the presets |
 //!
@@ -84,6 +84,15 @@ pub enum Legs {
     Free,
 }
 
+/// Wider reach of the feet at the start of a motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// Factors of the reach along x, y and z.
+    pub factors: [f64; 3],
+    /// Time before which a stance or swing begins that has this reach, s.
+    pub until: f64,
+}
+
 /// Settings of the transcription, which turns a motion into variables and rows.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -128,6 +137,10 @@ pub struct TranscriptionSettings {
     /// `momentum` only: largest acceleration of a swinging foot, m/s². Too small: gaits with short swings are infeasible. Too large: motors
     /// cannot follow. If absent, [`crate::nlp::transcription::legs::foot_acceleration`] chooses it.
     pub foot_acceleration: Option<f64>,
+    /// Wider reach at the start. Not in files, because a certificate has one reach for the whole motion. Here it is that of a robot with
+    /// the wider reach.
+    #[serde(skip)]
+    pub stretch: Option<Stretch>,
 }
 
 impl Default for TranscriptionSettings {
@@ -147,6 +160,7 @@ impl Default for TranscriptionSettings {
             legs: Legs::Limited,
             foot_speed: None,
             foot_acceleration: None,
+            stretch: None,
         }
     }
 }

@@ -317,6 +317,26 @@ mod tests {
     }
 
     #[test]
+    fn another_number_of_strides_keeps_the_time_in_the_air() {
+        let s = Schedule::new(vec![vec![0.3, 0.2, 0.4, 0.21, 0.5, 0.19, 0.6, 0.2, 0.7], vec![0.5, 0.2, 0.4, 0.2, 0.5, 0.2, 0.6, 0.2, 0.5]])
+            .unwrap();
+        let swings = |s: &Schedule, foot: usize| s.durations()[foot].iter().skip(1).step_by(2).sum::<f64>();
+        for (strides, stances) in [(3, [0.3, 0.5, 0.6, 0.7].as_slice()), (6, &[0.3, 0.4, 0.4, 0.5, 0.6, 0.6, 0.7]), (2, &[0.4, 0.6, 0.7])] {
+            let changed = s.with_strides(|before| before + strides - 4).unwrap();
+            let found: Vec<f64> = changed.durations()[0].iter().step_by(2).copied().collect();
+            assert!(found.iter().zip(stances).all(|(a, b)| (a - b).abs() < 1e-12) && found.len() == stances.len(), "{found:?}");
+            assert!((0..2).all(|foot| (swings(&changed, foot) - swings(&s, foot)).abs() < 1e-12 && changed.stances(foot) == strides + 1));
+            assert!((0..2).all(|foot| (changed.durations()[foot].iter().sum::<f64>() - changed.horizon()).abs() < 1e-12));
+        }
+        for refused in [0, 1] {
+            assert_eq!(s.with_strides(|_| refused), None);
+        }
+        for phases in [vec![0.3, 0.2, 0.6], vec![0., 0.2, 0.3, 0.2, 0.4], vec![0.3, 0.2, 0.3, 0.3, -0.1]] {
+            assert_eq!(Schedule::new(vec![phases]).unwrap().with_strides(|before| before), None);
+        }
+    }
+
+    #[test]
     fn a_schedule_is_scaled_to_a_duration() {
         let s = Schedule::new(vec![vec![0.3, 0.2, 0.5], vec![0.25], vec![0., 0.5, 0.3, 0.4, -0.2]]).unwrap();
         let scaled = s.lasting(2.5).unwrap();

@@ -138,6 +138,8 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, slabs: &[Slab; reach::ROWS], 
         (after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
     };
     let nominal = b.task.robot.nominal_feet[foot];
+    let early = b.settings.stretch.filter(|stretch| blocks.phases[phase].start < stretch.until);
+    let slabs = slabs.map(|slab| early.map_or(slab, |stretch| slab.stretched(stretch.factors)));
     let half_width = |slab: Slab| {
         let half = (slab.sides[1] - slab.sides[0]) / 2.;
         half - (slab.normal[2].abs() * b.settings.reach_margin).min(half / 2.)

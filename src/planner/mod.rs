@@ -8,8 +8,8 @@
 //! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
 //! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
 //! candidate holds, legs may stretch to the end of their reach. If none holds even then, they are solved with wider limits: legs stretch
-//! further and feet are faster than usual. Those of the gait in force come first, and the others only if none of them holds. If no other
-//! holds either, the plan before stays.
+//! further for some steps, and feet are faster than usual. Those of the gait in force come first, and the others only if none of them
+//! holds. If no other holds either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -59,14 +59,14 @@ use crate::backend::{Backend, Cpu};
 use crate::error::{Error, Result, check_range};
 use crate::gait::Trajectory;
 use crate::gait::cost::CostWeights;
-use crate::gait::family::{GaitFamily, default_families, offsets};
+use crate::gait::family::{GaitFamily, default_families, offsets, time_scale};
 use crate::gait::schedule::starts_in_swing;
 use crate::gait::spline::hermite_acceleration;
 use crate::gait::trajectory::GoalVelocity;
 use crate::nlp::RESPONSE;
 use crate::nlp::transcription::{interval, legs};
 use crate::robot::{Reach, Robot};
-use crate::settings::{SolverSettings, TranscriptionSettings};
+use crate::settings::{SolverSettings, Stretch, TranscriptionSettings};
 use crate::solver::Solver;
 use crate::task::{BaseState, Goal, SwingState, Task};
 use crate::terrain::Terrain;
@@ -108,6 +108,8 @@ const WIDENED: f64 = 0.25;
 /// survives six of six pushes of 1.7 N s/kg with them, and one without.
 const STRETCH: [f64; 3] = [2., 2., 1.3];
 const HURRY: f64 = 2.;
+/// Time in which steps may begin that have the wider reach, [`time_scale`]s. Without a limit, Go1 kept it for 18 s after a push.
+const STRETCHED_FOR: f64 = 5.;
 
 /// Settings of a [`Planner`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -305,7 +307,7 @@ pub struct Planner {
     transcription: TranscriptionSettings,
     /// Without the margin of the reach boxes, for states from which no candidate holds with it.
     full: TranscriptionSettings,
-    /// With wider limits, for states from which no candidate holds with the usual ones.
+    /// With faster feet, for states from which no candidate holds with the usual limits.
     widest: TranscriptionSettings,
     solver: SolverSettings,
     families: Vec<(GaitFamily, Vec<f64>)>,
@@ -314,6 +316,8 @@ pub struct Planner {
     plan: Option<Arc<Plan>>,
     alternatives: Alternatives,
     contacts: Vec<Contact>,
+    /// Time from which steps stay within the usual reach again, if the plan in force exceeds it, s.
+    stretched_until: f64,
     updates: u64,
     /// Command and time of the last update, s.
     command: Command,
@@ -372,6 +376,7 @@ impl Planner {
             plan: None,
             alternatives,
             contacts,
+            stretched_until: f64::NEG_INFINITY,
             updates: 0,
             command: Command::default(),
             now: 0.,
@@ -447,15 +452,24 @@ impl Planner {
         if best.is_none() {
             best = self.solve_again(&candidates, &updating, &self.full, &mut iterations, &mut count);
         }
-        let stretched = best.is_none();
-        if stretched {
-            self.task.robot = stretch(&self.task.robot);
-            candidates.iter_mut().for_each(|candidate| candidate.task.robot = self.task.robot.clone());
+        let stretches = best.is_none();
+        if stretches {
+            self.task.robot = stretched(&self.task.robot);
             // Another gait is the last resort of a robot that is about to fall.
             let in_force = self.in_force();
             let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
-            let mut again = |candidates| self.solve_again(candidates, &updating, &self.widest, &mut iterations, &mut count);
-            best = again(&same).or_else(|| again(&others));
+            // As planned before, the legs return to their usual reach at a certain time, otherwise later.
+            let latest = start + STRETCHED_FOR * time_scale(&self.robot);
+            for until in [self.stretched_until, latest].into_iter().filter(|until| *until > start) {
+                let stretch = Some(Stretch { factors: STRETCH, until: until - start });
+                let wider = TranscriptionSettings { stretch, ..self.widest.clone() };
+                let mut again = |candidates| self.solve_again(candidates, &updating, &wider, &mut iterations, &mut count);
+                best = again(&same).or_else(|| again(&others));
+                if best.is_some() {
+                    self.stretched_until = until;
+                    break;
+                }
+            }
         }
         let renewed = best.is_some();
         if let Some((gait, motion, cost)) = best {
@@ -470,7 +484,7 @@ impl Planner {
             Error::invalid("state", format!("none of {tried} candidates holds"), "a state from which the robot can go on")
         })?;
         let seconds = clock.elapsed().as_secs_f64();
-        Ok(Update { plan, renewed, stretched: stretched && renewed, solved: count, candidates: tried, iterations, seconds })
+        Ok(Update { plan, renewed, stretched: stretches && renewed, solved: count, candidates: tried, iterations, seconds })
     }
 
     /// Solves candidates with other limits, and chooses one.
@@ -694,13 +708,8 @@ impl Planner {
 }
 
 /// A robot with a wider reach.
-fn stretch(robot: &Robot) -> Arc<Robot> {
-    let wider = |foot| {
-        robot.reach.foot(foot).with_sides(|slab| {
-            let factor: f64 = slab.normal.iter().zip(STRETCH).map(|(n, factor)| n * n * factor).sum();
-            slab.sides.map(|side| factor * side)
-        })
-    };
+fn stretched(robot: &Robot) -> Arc<Robot> {
+    let wider = |foot| robot.reach.foot(foot).with_sides(|slab| slab.stretched(STRETCH).sides);
     let reach = Reach::PerFoot((0..robot.feet()).map(wider).collect());
     Arc::new(Robot { reach, ..robot.clone() })
 }

@@ -111,6 +111,11 @@ impl Slab {
         Slab { sides, ..self }
     }
 
+    /// Slab with sides that are scaled by the factors along x, y and z, weighted by the squares of its normal.
+    pub fn stretched(self, factors: [f64; 3]) -> Slab {
+        self.scaled(self.normal.iter().zip(factors).map(|(n, factor)| n * n * factor).sum())
+    }
+
     fn scaled(self, by: f64) -> Slab {
         self.with_sides(self.sides.map(|v| v * by))
     }

@@ -61,10 +61,11 @@ pub struct SearchSettings {
     /// of 3 m fell in MuJoCo in two of three plays.
     pub reach_margin: f64,
     /// Number of gaits whose durations are optimised at the end: the best ones of different families. After a third of the steps half of
-    /// them go on. Too small: another family may be better with its best durations; too large: only time is lost.
+    /// them go on, and the best one is also tried with 0.7 to 1.4 times as many strides. Too small: another family may be better with its
+    /// best durations; too large: only time is lost.
     pub timed_gaits: usize,
-    /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations stay as
-    /// they were drawn. Too small: durations are not the best; too large: only time is lost. With 21 and 30 steps a hexapod's 6 m cost 1.287
+    /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations and
+    /// numbers of strides stay as they were drawn. As long as another number of strides is better, up to as many steps follow. Too small: durations are not the best; too large: only time is lost. With 21 and 30 steps a hexapod's 6 m cost 1.287
     /// and 1.274, and 30 take 16 % more time. Only for the objective `transport`.
     pub duration_steps: usize,
     /// Time limit, s; `None`: only the numbers of generations limit the search. After this time no generation begins, and a generation

@@ -117,6 +117,16 @@ fn every_improvement_is_better_and_the_last_is_the_best() {
 }
 
 #[test]
+fn a_gait_with_too_many_strides_loses_some() {
+    let task = task("anymal", "flat", [2., 0.], 0.);
+    let typical = PeriodicGait::typical(GaitFamily::Trot, &task).unwrap();
+    let found = run(Search::new(&task).gaits(Gaits::Families(vec![GaitFamily::Trot])));
+    let (strides, cost) = (found.best.candidate.solution.schedule.stances(0) - 1, cost(&found.best));
+    // With the five strides of the typical gait the search ended between 1.83 and 1.87, whatever the seed.
+    assert!(typical.strides == 5 && strides == 4 && cost < 1.82, "{strides} strides, cost {cost}");
+}
+
+#[test]
 fn the_neighbourhood_of_a_schedule_has_a_gait_that_costs_no_more() {
     let task = task("biped", "flat", [0.5, 0.], 0.);
     let own = Schedule::new(vec![vec![0.2, 0.3, 0.5, 0.3, 0.5, 0.3, 0.2], vec![0.6, 0.3, 0.5, 0.3, 0.6]]).unwrap();

@@ -30,8 +30,8 @@ struct GaitDescent<'a> {
 }
 
 impl SearchState<'_, '_> {
-    /// Optimises the durations of the best gaits of all families. Each round goes on with the better half, and with the best gait with one
-    /// stride more and with one less.
+    /// Optimises the durations of the best gaits of all families. Each round goes on with the better half, and with the best gait with fewer
+    /// and with more strides.
     pub(super) fn optimise_durations(&mut self) {
         let (solver, clock, settings) = (self.solver, self.clock, self.settings.cem(1));
         let Some(weights) = solver.cost else { return };
@@ -46,9 +46,8 @@ impl SearchState<'_, '_> {
         let mut tried: Vec<_> = new.iter().map(strides).collect();
         let mut descents: Vec<GaitDescent> = Vec::new();
         for round in 0..DURATION_ROUNDS[1] {
-            if round > 0 {
-                descents.truncate((self.settings.timed_gaits >> round).max(1));
-            }
+            let kept = (self.settings.timed_gaits >> round).max(1).min(descents.len());
+            self.duration_solves += descents.drain(kept..).map(|of| of.descent.minimisations()).sum::<usize>();
             let leader = descents.first().map(GaitDescent::strides);
             descents.append(&mut pool.install(|| new.into_par_iter().filter_map(begun).collect()));
             let advanced = |GaitDescent { gait, descent }: &mut GaitDescent| {
