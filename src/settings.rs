@@ -21,7 +21,7 @@
 //! | `search.population` | 16 | candidates per generation; more is slower and finds cheaper gaits |
 //! | `search.generations` | 3 | generations over gait families; more is slower and finds cheaper gaits |
 //! | `search.optimise_iterations` | 6 | iterations that minimise the cost of each candidate; 0 is fast, and gaits cost a tenth more |
-//! | `search.duration_steps` | 21 | steps that optimise durations and numbers of strides of the best gaits; 0 is fast, and gaits cost a tenth more |
+//! | `search.duration_steps` | 21 | steps for the durations and strides of the best gaits; 0 is fast, and gaits cost a tenth more |
 //! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of joint motion beyond the joint limits |
 //! | `search.free.*` | the paper's | settings of the free distribution; `list` shows the presets |
 //!

@@ -70,6 +70,7 @@ mod tests {
     use super::*;
     use crate::gait::family::{PeriodicGait, families};
     use crate::scenario::SCENARIOS;
+    use crate::settings::Stretch;
 
     #[test]
     fn curves_without_a_layout_equal_those_of_the_layout() {
@@ -85,5 +86,27 @@ mod tests {
                 assert_eq!(curves.variables, problem.variables);
             }
         }
+    }
+
+    #[test]
+    fn phases_that_begin_early_have_the_wider_reach_and_later_ones_the_usual() {
+        let task = SCENARIOS[0].task(1).unwrap();
+        let schedule = PeriodicGait::typical(families(&task.robot)[0], &task).unwrap().schedule().unwrap();
+        let legs_of = |stretch| {
+            let settings = TranscriptionSettings { stretch, ..TranscriptionSettings::default() };
+            let schedule = schedule.aligned(transcription::interval(&settings, &task.robot));
+            Problem::<f64>::new(&task, &schedule, &settings).reach_legs.clone()
+        };
+        let (usual, factors) = (legs_of(None), [2., 1.5, 1.2]);
+        let ratios = |until: f64| {
+            let wider = legs_of(Some(Stretch { factors, until }));
+            usual.iter().zip(&wider).map(|(a, b)| [0, 1, 2].map(|i| b.half_widths[i] / a.half_widths[i])).collect::<Vec<_>>()
+        };
+        let is = |ratio: &[f64; 3], factors: [f64; 3]| ratio.iter().zip(factors).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(ratios(1e-9).iter().filter(|ratio| is(ratio, factors)).count() == task.robot.feet(), "the first stances");
+        assert!(ratios(1e3).iter().all(|ratio| is(ratio, factors)));
+        let half = ratios(schedule.horizon() / 2.);
+        let (wide, narrow) = half.iter().partition::<Vec<_>, _>(|ratio| is(ratio, factors));
+        assert!(wide.len() > task.robot.feet() && narrow.len() > task.robot.feet() && narrow.iter().all(|ratio| is(ratio, [1.; 3])));
     }
 }

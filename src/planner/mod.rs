@@ -308,7 +308,7 @@ pub struct Planner {
     /// Without the margin of the reach boxes, for states from which no candidate holds with it.
     full: TranscriptionSettings,
     /// With faster feet, for states from which no candidate holds with the usual limits.
-    widest: TranscriptionSettings,
+    hurried: TranscriptionSettings,
     solver: SolverSettings,
     families: Vec<(GaitFamily, Vec<f64>)>,
     cpu: Cpu,
@@ -349,7 +349,7 @@ impl Planner {
             ..TranscriptionSettings::default()
         };
         let full = TranscriptionSettings { reach_margin: 0., ..transcription.clone() };
-        let widest = TranscriptionSettings {
+        let hurried = TranscriptionSettings {
             foot_speed: Some(HURRY * legs::foot_speed(&transcription, &task.robot)),
             foot_acceleration: legs::foot_acceleration(&transcription, &task.robot).map(|limit| HURRY * limit),
             ..full.clone()
@@ -368,7 +368,7 @@ impl Planner {
             settings,
             transcription,
             full,
-            widest,
+            hurried,
             solver,
             families,
             cpu,
@@ -462,7 +462,7 @@ impl Planner {
             let latest = start + STRETCHED_FOR * time_scale(&self.robot);
             for until in [self.stretched_until, latest].into_iter().filter(|until| *until > start) {
                 let stretch = Some(Stretch { factors: STRETCH, until: until - start });
-                let wider = TranscriptionSettings { stretch, ..self.widest.clone() };
+                let wider = TranscriptionSettings { stretch, ..self.hurried.clone() };
                 let mut again = |candidates| self.solve_again(candidates, &updating, &wider, &mut iterations, &mut count);
                 best = again(&same).or_else(|| again(&others));
                 if best.is_some() {

@@ -65,8 +65,9 @@ pub struct SearchSettings {
     /// best durations; too large: only time is lost.
     pub timed_gaits: usize,
     /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations and
-    /// numbers of strides stay as they were drawn. As long as another number of strides is better, up to as many steps follow. Too small: durations are not the best; too large: only time is lost. With 21 and 30 steps a hexapod's 6 m cost 1.287
-    /// and 1.274, and 30 take 16 % more time. Only for the objective `transport`.
+    /// numbers of strides stay as they were drawn. While another number of strides is better, up to as many steps follow. Too small:
+    /// durations are not the best; too large: only time is lost. With 21 and 30 steps a hexapod's 6 m cost 1.287 and 1.274 with its first
+    /// number of strides, and 30 take 16 % more time. Only for the objective `transport`.
     pub duration_steps: usize,
     /// Time limit, s; `None`: only the numbers of generations limit the search. After this time no generation begins, and a generation
     /// that is still running does not count, except the first.

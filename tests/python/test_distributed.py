@@ -344,14 +344,17 @@ def test_workers_reject_invalid_schedules(task: cregopt.Task, drawn: cregopt.Gai
 
 
 def test_a_search_loses_no_result_when_a_worker_is_killed(
-    machines: Machines, task: cregopt.Task, searched: cregopt.Gait, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    machines: Machines, task: cregopt.Task, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def die(first: int) -> None:
         if first == 2:
             os.kill(os.getpid(), signal.SIGKILL)
 
+    # All jobs are then candidates of generations.
+    as_drawn = {**BROAD, "settings": {**BROAD["settings"], "search": {"duration_steps": 0}}}
+    searched = cregopt.search(task, device="cpu", **as_drawn)
     monkeypatch.setattr(distributed, "_solve_chunk", counting(tmp_path, "_solve_chunk", die))
-    assert_same_search(distributed.search(task, chunk=2, **BROAD), searched)
+    assert_same_search(distributed.search(task, chunk=2, **as_drawn), searched)
     sizes = [generation["evaluated"] for generation in searched.to_dict()["generations"]]
     expected = {first: sum(first < size for size in sizes) + (first == 2) for first in range(0, max(sizes), 2)}
     assert attempts(tmp_path) == expected

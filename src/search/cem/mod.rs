@@ -228,7 +228,7 @@ pub(in crate::search) fn rank_order((a, i): (f64, usize), (b, j): (f64, usize)) 
 }
 
 /// Number of stance phases of each foot.
-fn stances(schedule: &Schedule) -> Vec<usize> {
+pub(in crate::search) fn stances(schedule: &Schedule) -> Vec<usize> {
     (0..schedule.feet()).map(|foot| schedule.stances(foot)).collect()
 }
 

@@ -7,8 +7,8 @@ use crate::gait::family::GaitFamily;
 use crate::nlp::Curves;
 use crate::refine::durations::{Descent, Timed};
 use crate::search::batch::{BatchSolver, ScheduleSolver};
-use crate::search::cem::{Candidate, CemSettings, RankedCandidate};
-use crate::search::evaluate::{Evaluated, EvaluationContext};
+use crate::search::cem::{Candidate, CemSettings, RankedCandidate, stances};
+use crate::search::evaluate::{Certify, Evaluated, EvaluationContext};
 use crate::solver::Outcome;
 use rayon::prelude::*;
 
@@ -83,21 +83,25 @@ impl SearchState<'_, '_> {
     fn with_other_strides(&mut self, of: &GaitDescent, tried: &[Strides]) -> Vec<Candidate<Evaluated>> {
         let (solver, settings, GaitDescent { gait, descent }) = (self.solver, self.settings.cem(1), of);
         let (schedule, limit) = (descent.timed().schedule, WORTH_DESCENDING * descent.cost());
-        let others = STRIDES.map(|shares| {
-            let changed = shares.iter().filter_map(|share| schedule.with_strides(|strides| (share * strides as f64).round() as usize));
-            let mut changed: Vec<Schedule> = changed.filter(|schedule| solver.check(schedule).is_ok()).collect();
-            changed.dedup();
-            changed
-        });
-        let solved = |schedule: &Schedule| {
-            let (evaluation, solution) = solver.certify_again(schedule)?;
-            let candidate = Candidate::new(&settings, gait.family, gait.generation, gait.index, schedule.clone(), evaluation, solution);
+        let new = |schedule: &Schedule| !tried.contains(&(gait.family, stances(schedule))) && solver.check(schedule).is_ok();
+        let changed = |share: f64| schedule.with_strides(|strides| (share * strides as f64).round() as usize).filter(new);
+        let sides = STRIDES.iter().enumerate();
+        let mut others: Vec<(usize, Schedule)> =
+            sides.flat_map(|(side, shares)| shares.iter().filter_map(move |share| Some((side, changed(*share)?)))).collect();
+        others.dedup();
+        self.duration_solves += others.len();
+        let (sides, others): (Vec<usize>, Vec<Schedule>) = others.into_iter().unzip();
+        let solved = solver.solve_again(&others, Certify::All);
+        let candidates = sides.into_iter().zip(others).zip(solved).filter_map(|((side, schedule), solved)| {
+            let (evaluation, solution) = solved?;
+            let candidate = Candidate::new(&settings, gait.family, gait.generation, gait.index, schedule, evaluation, solution);
             let cost = candidate.evaluation.cost.filter(|_| candidate.evaluation.feasible)?.total;
-            (cost < limit && !tried.contains(&strides(&candidate))).then_some(candidate)
-        };
-        self.duration_solves += others.iter().map(Vec::len).sum::<usize>();
-        let farthest = |schedules: &Vec<Schedule>| schedules.par_iter().filter_map(solved).find_first(|_| true);
-        solver.backend.pool().install(|| others.par_iter().filter_map(farthest).collect())
+            (cost < limit).then_some((side, candidate))
+        });
+        // The first of each side is the farthest.
+        let mut candidates: Vec<_> = candidates.collect();
+        candidates.dedup_by_key(|(side, _)| *side);
+        candidates.into_iter().map(|(_, candidate)| candidate).collect()
     }
 }
 
