@@ -48,7 +48,7 @@ impl SearchState<'_, '_> {
         for round in 0..DURATION_ROUNDS[1] {
             let kept = (self.settings.timed_gaits >> round).max(1).min(descents.len());
             self.duration_solves += descents.drain(kept..).map(|of| of.descent.minimisations()).sum::<usize>();
-            let leader = descents.first().map(GaitDescent::strides);
+            let leader = descents.first().map(|of| strides(&of.gait));
             descents.append(&mut pool.install(|| new.into_par_iter().filter_map(begun).collect()));
             let advanced = |GaitDescent { gait, descent }: &mut GaitDescent| {
                 descent.advance(steps, &cancelled);
@@ -59,7 +59,7 @@ impl SearchState<'_, '_> {
             descents.sort_by(|a, b| a.descent.cost().total_cmp(&b.descent.cost()));
             self.report_improvement();
             let Some(best) = descents.first() else { break };
-            let settled = leader.as_ref() == Some(&best.strides());
+            let settled = leader == Some(strides(&best.gait));
             if cancelled() || settled && round + 1 >= DURATION_ROUNDS[0] {
                 break;
             }
@@ -110,12 +110,6 @@ type Strides = (Option<GaitFamily>, Vec<usize>);
 
 fn strides<S>(gait: &Candidate<S>) -> Strides {
     (gait.family, gait.stances.clone())
-}
-
-impl GaitDescent<'_> {
-    fn strides(&self) -> Strides {
-        strides(&self.gait)
-    }
 }
 
 /// Candidate with other durations and the motion of least cost for them.
