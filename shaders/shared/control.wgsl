@@ -220,19 +220,21 @@ fn refuse(before: Progress) -> Progress {
     return progress;
 }
 
-// Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends. A
-// minimisation that stalls is over; rows that cannot be restored revert to the solved point.
+// Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends. While the
+// rows are restored, closing steps are first tried with larger proximal weights. A minimisation that stalls is over; rows that cannot be restored
+// revert to the solved point.
 // An infinite `batch.closing` allows closing steps only; such solves run on the CPU only, see src/solver/close.rs.
 fn damp(before: Progress) -> Progress {
     var progress = before;
-    if (progress.state == CLOSE && is_finite(progress.closing_below)) {
+    let damps = progress.phase == RESTORE && progress.attempts + 1u < ATTEMPTS;
+    if (progress.state == CLOSE && is_finite(progress.closing_below) && !damps) {
         // Return to the barrier until the violated rows are better known.
         progress.state = STEP;
         progress.attempts = 0u;
         progress.closing_below = CLOSING_AGAIN * min(progress.closing_below, progress.infeasibility);
         return progress;
     }
-    progress = with_proximal(progress, proximal(progress) * PROXIMAL_GROWTH);
+    progress = with_proximal(progress, proximal(progress) * select(PROXIMAL_GROWTH, CLOSING_GROWTH, progress.state == CLOSE));
     progress.attempts = max(progress.attempts, SHORTENINGS) + 1u;
     if (progress.state == SHORTER) {
         progress.state = STEP;

@@ -86,12 +86,16 @@ fn begin_round(slot: u32, lane: u32, before: Progress) -> Progress {
     return now;
 }
 
+// Distance from zero within which an inequality takes part in a closing step after a number of refused attempts.
+fn closing_reach(infeasibility: f32, attempts: u32) -> f32 {
+    return min(CLOSING_REACH * sqrt(infeasibility), LARGEST_CLOSING_REACH) * f32(1u << (REACH_DOUBLINGS * attempts));
+}
+
 // Weights and values of the rows of one element in a closing step: the equalities and the inequalities that are violated or nearly active.
 // Cost rows are left out.
-fn closing_rows(slot: u32, half: u32, element: Element, infeasibility: f32) {
+fn closing_rows(slot: u32, half: u32, element: Element, reach: f32) {
     let base = slot * batch.values;
     let g = base + batch.g + half * batch.g_half;
-    let reach = min(CLOSING_REACH * sqrt(infeasibility), LARGEST_CLOSING_REACH);
     for (var r = 0u; r < element.rows; r++) {
         let row = element.place.row + r;
         let kind = row_kind(slots[slot].rows, row);
@@ -115,7 +119,7 @@ fn closing_rows(slot: u32, half: u32, element: Element, infeasibility: f32) {
 // Weights and values of the rows of one element in the current kind of step.
 fn row_weights(slot: u32, now: Progress, element: Element) {
     if (now.state == CLOSE) {
-        closing_rows(slot, now.current, element, now.infeasibility);
+        closing_rows(slot, now.current, element, closing_reach(now.infeasibility, now.attempts));
     } else {
         barrier_rows(slot, now.current, element, BarrierTarget(0.0, 0.0));
     }

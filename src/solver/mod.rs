@@ -51,7 +51,7 @@ use round::{ROUND, START, Stage, When};
 use slacks::{BarrierTarget, Lengths, Slacks, largest, slack_steps};
 use start::{column_scaling, resume_slacks, start_slacks};
 use tracing::{Level, enabled, trace};
-use weights::{barrier_rows, closing_rows, variable_terms};
+use weights::{barrier_rows, closing_reach, closing_rows, variable_terms};
 
 /// Termination criterion of a solve.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -364,7 +364,8 @@ impl<T: Real> Solver<T> {
         self.failed = false;
         let now = &self.now;
         if progress.state == CLOSE {
-            closing_rows(problem, &now.c, &now.g, progress.infeasibility, &mut self.weight, &mut self.value);
+            let reach = closing_reach(progress.infeasibility, progress.attempts);
+            closing_rows(problem, &now.c, &now.g, reach, &mut self.weight, &mut self.value);
         } else {
             barrier_rows(problem, &now.c, &now.g, &self.slacks, BarrierTarget::predictor(), &mut self.weight, &mut self.value);
         }

@@ -13,6 +13,8 @@ pub const CLOSING_REACH: f64 = 3.;
 /// Upper limit of this distance, in the scale of the rows. Without it a biped's hop that was resumed beside its optimum, in values of up to
 /// 0.01, ended 6 % above it after two iterations, with it 1.7 %.
 pub const LARGEST_CLOSING_REACH: f64 = 1e-4;
+/// Number of times that this distance is doubled for every refused attempt.
+pub const REACH_DOUBLINGS: u32 = 2;
 /// Number of inequalities whose weights and values are computed in one block.
 const AT_ONCE: usize = 256;
 
@@ -76,14 +78,22 @@ pub fn barrier_rows<T: Real>(
     });
 }
 
+/// Distance from zero within which an inequality takes part in a closing step.
+///
+/// * `infeasibility` - at the point
+/// * `attempts` - attempts refused at the point. Most are refused because they violate a row just beyond the distance
+pub fn closing_reach<T: Real>(infeasibility: T, attempts: u32) -> T {
+    let first = (T::of(CLOSING_REACH) * infeasibility.sqrt()).min(T::of(LARGEST_CLOSING_REACH));
+    first * T::of(f64::from(1_u32 << (REACH_DOUBLINGS * attempts)))
+}
+
 /// Row weights and values of a closing step: the equalities and the inequalities that are violated or nearly active. The step keeps the
 /// latter where they are.
 ///
-/// * `infeasibility` - at the point
+/// * `reach` - see [`closing_reach`]
 #[multiversion(targets("x86_64+avx2+fma"))]
-pub fn closing_rows<T: Real>(problem: &Problem<T>, c: &[T], g: &[T], infeasibility: T, weight: &mut [T], value: &mut [T]) {
+pub fn closing_rows<T: Real>(problem: &Problem<T>, c: &[T], g: &[T], reach: T, weight: &mut [T], value: &mut [T]) {
     let (zero, one) = (T::zero(), T::one());
-    let reach = (T::of(CLOSING_REACH) * infeasibility.sqrt()).min(T::of(LARGEST_CLOSING_REACH));
     let equalities = problem.rows.of(RowKind::Equality);
     weight[equalities.clone()].fill(one);
     value[equalities.clone()].copy_from_slice(&c[equalities]);

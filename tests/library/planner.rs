@@ -156,7 +156,8 @@ fn touchdowns_that_are_measured_change_the_schedule() {
         for foot in 0..4 {
             let left = usual.plan.motion.durations[foot][1..].first().copied().unwrap_or(0.);
             let since = usual.plan.motion.start_swing(foot).map_or(0., |swing| swing.since);
-            if early == 0 && since > 1.2 * left && left > 0.03 {
+            // In the second half of the swing by the plan before, too, which may have a longer one.
+            if early == 0 && since > 2. * left && left > 0.03 {
                 let update = plan_of(&|state| {
                     let at = &mut state.feet[foot];
                     (at.contact, at.position[2], at.velocity) = (true, 0., [0.; 3]);

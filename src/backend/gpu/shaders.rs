@@ -43,7 +43,7 @@ use crate::solver::control;
 use crate::solver::round::Stage;
 use crate::solver::slacks::{BARRIER_FLOOR, FRACTION_TO_THE_BOUNDARY, MULTIPLIER_FLOOR, SLACK_FLOOR};
 use crate::solver::start::SCALING_FLOOR;
-use crate::solver::weights::{CLOSING_REACH, LARGEST_CLOSING_REACH};
+use crate::solver::weights::{CLOSING_REACH, LARGEST_CLOSING_REACH, REACH_DOUBLINGS};
 use crate::terrain::profile::DIMENSIONS;
 
 /// Invocations per workgroup, in every shader, if an adapter allows as many. Workgroup memory limits the number of workgroups on a GPU,
@@ -377,6 +377,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("RESTORE", control::RESTORE),
         ("REVERT", control::REVERT),
         ("SHORTENINGS", control::SHORTENINGS),
+        ("REACH_DOUBLINGS", REACH_DOUBLINGS),
         ("ATTEMPTS", control::ATTEMPTS),
         ("EARLY_TERMINATION_FROM", control::EARLY_TERMINATION_FROM),
         ("EARLY_TERMINATION_TO", control::EARLY_TERMINATION_TO),
@@ -418,6 +419,7 @@ pub fn constants() -> (Named<u32>, Named<f32>) {
         ("STALL_ABOVE", control::STALL_ABOVE as f32),
         ("TRUSTED_LENGTH", control::TRUSTED_LENGTH as f32),
         ("PROXIMAL_GROWTH", control::PROXIMAL_GROWTH as f32),
+        ("CLOSING_GROWTH", control::CLOSING_GROWTH as f32),
         ("BARRIER_FLOOR", BARRIER_FLOOR as f32),
         ("SLACK_FLOOR", SLACK_FLOOR as f32),
         ("CLOSING_REACH", CLOSING_REACH as f32),

@@ -273,7 +273,8 @@ pub fn weights_of_twin(lab: &Lab, s: usize, expected: &mut Expected) {
     let aim = BarrierTarget::predictor();
     let (mut weight, mut value) = (vec![f32::NAN; problem.rows.all()], vec![f32::NAN; problem.rows.all()]);
     if progress.state == CLOSE {
-        weights::closing_rows(problem, &c, &g, progress.infeasibility, &mut weight, &mut value);
+        let reach = weights::closing_reach(progress.infeasibility, progress.attempts);
+        weights::closing_rows(problem, &c, &g, reach, &mut weight, &mut value);
     } else {
         weights::barrier_rows(problem, &c, &g, &slacks, aim, &mut weight, &mut value);
     }

@@ -10,7 +10,7 @@ use cregopt::settings::{Transcription, TranscriptionSettings};
 use cregopt::solver::judge::{infeasibility, infeasibility_fall, merit_falls, nonlinearity, smoothing_fall, update_slacks};
 use cregopt::solver::slacks::{BarrierTarget, Lengths, Slacks, mean_product, slack_steps, target};
 use cregopt::solver::start::{column_scaling, start_slacks};
-use cregopt::solver::weights::{barrier_rows, closing_rows, variable_terms};
+use cregopt::solver::weights::{barrier_rows, closing_reach, closing_rows, variable_terms};
 use nalgebra::DVector;
 
 /// Random solver state on the second case: rows, slacks and multipliers around 1, some small; steps of a predictor.
@@ -106,7 +106,7 @@ fn row_weights_are_those_of_the_full_system() {
             let (mut weight, mut value) = (vec![f64::NAN; problem.rows.all()], vec![f64::NAN; problem.rows.all()]);
             match aim {
                 Some(aim) => barrier_rows(&problem, &rows.c, g, &slacks, aim, &mut weight, &mut value),
-                None => closing_rows(&problem, &rows.c, g, CLOSE_BY, &mut weight, &mut value),
+                None => closing_rows(&problem, &rows.c, g, closing_reach(CLOSE_BY, 0), &mut weight, &mut value),
             }
             // J' W J e and J' v over all rows, against one weight for both sides of a row.
             let probe = DVector::from_fn(problem.variables, |i, _| ((i * 7919) % 13) as f64 / 13. - 0.4);
@@ -124,6 +124,18 @@ fn row_weights_are_those_of_the_full_system() {
             assert_close(j.tr_mul(&DVector::from_vec(value)).as_slice(), gradient.as_slice(), SUM_TOLERANCE, "right-hand side");
         }
     }
+}
+
+#[test]
+fn closing_steps_reach_farther_after_refused_attempts() {
+    let close = |infeasibility: f64, attempts, expected: f64| {
+        let got = closing_reach(infeasibility, attempts);
+        assert!((got - expected).abs() <= ELEMENTWISE_TOLERANCE * expected, "{got:e} against {expected:e}");
+    };
+    close(CLOSE_BY, 0, 3e-5);
+    close(CLOSE_BY, 3, 3e-5 * 64.);
+    close(1., 0, 1e-4);
+    close(1., 4, 1e-4 * 256.);
 }
 
 #[test]
