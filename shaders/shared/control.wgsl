@@ -221,8 +221,8 @@ fn refuse(before: Progress) -> Progress {
 }
 
 // Rejects the direction: the next one has a larger proximal weight, or is a barrier step; after the last attempt the solve ends. While the
-// rows are restored, closing steps are first tried with larger proximal weights. A minimisation that stalls is over; rows that cannot be restored
-// revert to the solved point.
+// rows are restored, closing steps are first tried with larger proximal weights. A minimisation that stalls is over; rows that cannot be
+// restored revert to the solved point.
 // An infinite `batch.closing` allows closing steps only; such solves run on the CPU only, see src/solver/close.rs.
 fn damp(before: Progress) -> Progress {
     var progress = before;
