@@ -2,6 +2,7 @@
 //! solutions of them, if the feature `ipopt` is enabled.
 
 use crate::common::{Random, data, gait, hills, reference_candidates, spider, task_for, towr};
+#[cfg(any(feature = "experiment", feature = "ipopt"))]
 use crate::harness;
 use cregopt::backend::Cpu;
 use cregopt::gait::{Schedule, Trajectory};
