@@ -103,8 +103,8 @@ pub const SHORTENING: f64 = 0.25;
 pub const ATTEMPTS: u32 = SHORTENINGS + 6;
 /// Growth factor of the proximal weight after a refused attempt.
 pub const PROXIMAL_GROWTH: f64 = 6.;
-/// As [`PROXIMAL_GROWTH`], for closing steps. Near the tip of a friction cone only strongly damped steps decrease the infeasibility: with 6
-/// instead of 36, the rows of 3 % of the minimised candidates were not restored.
+/// As [`PROXIMAL_GROWTH`], for closing steps. Near the tip of a friction cone only strongly damped steps decrease the infeasibility. Of 240
+/// trots that were minimised in 12 iterations, the rows of 10 were not restored with barrier steps instead, of 5 with 6, of none with 36.
 pub const CLOSING_GROWTH: f64 = 36.;
 
 crate::table! {
