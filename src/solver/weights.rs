@@ -81,7 +81,7 @@ pub fn barrier_rows<T: Real>(
 /// Distance from zero within which an inequality takes part in a closing step.
 ///
 /// * `infeasibility` - at the point
-/// * `attempts` - attempts refused at the point. Most are refused because they violate a row just beyond the distance
+/// * `attempts` - attempts refused at the point: a step may have been refused because it violates a row just beyond the distance
 pub fn closing_reach<T: Real>(infeasibility: T, attempts: u32) -> T {
     let first = (T::of(CLOSING_REACH) * infeasibility.sqrt()).min(T::of(LARGEST_CLOSING_REACH));
     first * T::of(f64::from(1_u32 << (REACH_DOUBLINGS * attempts)))
