@@ -8,8 +8,7 @@
 //! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
 //! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
 //! candidate holds, they are solved with wider limits: legs stretch further for some steps, and feet are faster than usual. Those of the
-//! gait in force come first, and the others only if none of them holds. While the plan in force exceeds the usual limits, only the steady
-//! candidates are tried within them. If no other holds either, the plan before stays.
+//! gait in force come first, and the others only if none of them holds. If no other holds either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -439,14 +438,10 @@ impl Planner {
         }
         let updating = Updating { guesses: &guesses, until };
         let others = self.candidates(&self.others(&steady))?;
-        // A robot that is about to fall needs a plan soon.
-        let urgent = self.stretched_until > start && solved.iter().all(Option::is_none);
-        if !urgent {
-            let (of_others, more) = self.solve(&others, &updating, &self.transcription, limit);
-            solved.extend(of_others);
-            iterations += more;
-        }
+        let (of_others, more) = self.solve(&others, &updating, &self.transcription, limit);
         candidates.extend(others);
+        solved.extend(of_others);
+        iterations += more;
         let mut count = solved.iter().flatten().count();
         self.alternatives.learn(&candidates, &solved, start);
         let mut best = self.choose(&candidates, &mut solved, &self.transcription);
