@@ -105,8 +105,9 @@ pub struct TranscriptionSettings {
     pub interval: Option<f64>,
     /// `towr` only: time between reach rows, s. Too short: many rows, slow solves. Too long: feet may leave their reach between the rows.
     pub reach_interval: f64,
-    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs; with two pieces
-    /// 52 of the 240 reference candidates were solved, with three 82. Too many: many variables, slow solves.
+    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs. Too many: many
+    /// variables, slow solves. Of the 240 reference candidates 54, 63, 63 and 61 are certified with 3, 4, 5 and 6 pieces. Minimised motions
+    /// cost 5 to 7 % less with 4 than with 3 and take 10 % longer, and 8 to 13 % less with 6 in a third more time.
     pub force_pieces: usize,
     /// Tightening of reach, swing and footing rows, m. Too small: rows that the f32 solution touches fail the f64 check. Too large: fewer
     /// gaits are feasible.

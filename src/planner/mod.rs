@@ -7,8 +7,9 @@
 //! own first guess. The cheapest candidate wins; a change of the family must pay for itself. The gait in force and standing are solved
 //! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
 //! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
-//! candidate holds, they are solved with wider limits: legs stretch further for some steps, and feet are faster than usual. Those of the
-//! gait in force come first, and the others only if none of them holds. If no other holds either, the plan before stays.
+//! candidate holds, legs may stretch to the end of their reach. If none holds even then, they are solved with wider limits: legs stretch
+//! further for some steps, and feet are faster than usual. Those of the gait in force come first, and the others only if none of them
+//! holds. If no other holds either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -305,7 +306,9 @@ pub struct Planner {
     task: Task,
     settings: PlannerSettings,
     transcription: TranscriptionSettings,
-    /// With faster feet and without the margin of the reach boxes, for states from which no candidate holds with the usual limits.
+    /// Without the margin of the reach boxes, for states from which no candidate holds with it.
+    full: TranscriptionSettings,
+    /// With faster feet, for states from which no candidate holds with the usual limits.
     hurried: TranscriptionSettings,
     solver: SolverSettings,
     families: Vec<(GaitFamily, Vec<f64>)>,
@@ -346,11 +349,11 @@ impl Planner {
             reach_margin: settings.reach_margin * task.robot.base_height,
             ..TranscriptionSettings::default()
         };
+        let full = TranscriptionSettings { reach_margin: 0., ..transcription.clone() };
         let hurried = TranscriptionSettings {
-            reach_margin: 0.,
             foot_speed: Some(HURRY * legs::foot_speed(&transcription, &task.robot)),
             foot_acceleration: legs::foot_acceleration(&transcription, &task.robot).map(|limit| HURRY * limit),
-            ..transcription.clone()
+            ..full.clone()
         };
         let mut solver = SolverSettings { max_iterations: settings.iterations, ..SolverSettings::default() };
         solver.optimise.iterations = settings.optimise_iterations;
@@ -365,6 +368,7 @@ impl Planner {
             task,
             settings,
             transcription,
+            full,
             hurried,
             solver,
             families,
@@ -446,12 +450,27 @@ impl Planner {
         self.alternatives.learn(&candidates, &solved, start);
         let mut best = self.choose(&candidates, &mut solved, &self.transcription);
         let tried = candidates.len();
+        if best.is_none() {
+            best = self.solve_again(&candidates, &updating, &self.full, &mut iterations, &mut count);
+        }
         let stretches = best.is_none();
         if stretches {
-            let (choice, more, found) = self.stretch(candidates, &updating, start);
-            best = choice;
-            iterations += more;
-            count += found;
+            self.task.robot = stretched(&self.task.robot);
+            // Another gait is the last resort of a robot that is about to fall.
+            let in_force = self.in_force();
+            let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
+            // As planned before, the legs return to their usual reach at a certain time, otherwise later.
+            let latest = start + STRETCHED_FOR * time_scale(&self.robot);
+            for until in [self.stretched_until, latest].into_iter().filter(|until| *until > start) {
+                let stretch = Some(Stretch { factors: STRETCH, until: until - start });
+                let wider = TranscriptionSettings { stretch, ..self.hurried.clone() };
+                let mut again = |candidates| self.solve_again(candidates, &updating, &wider, &mut iterations, &mut count);
+                best = again(&same).or_else(|| again(&others));
+                if best.is_some() {
+                    self.stretched_until = until;
+                    break;
+                }
+            }
         }
         let renewed = best.is_some();
         if let Some((gait, motion, cost)) = best {
@@ -469,31 +488,21 @@ impl Planner {
         Ok(Update { plan, renewed, stretched: stretches && renewed, solved: count, candidates: tried, iterations, seconds })
     }
 
-    /// Solves candidates with wider limits of the legs, and chooses one. Returns it with the numbers of iterations and of solutions.
+    /// Solves candidates with other limits, and chooses one.
     ///
-    /// * `start` - of the plan, s
-    fn stretch(&mut self, candidates: Vec<Candidate>, updating: &Updating, start: f64) -> (Option<Choice>, usize, usize) {
-        self.task.robot = stretched(&self.task.robot);
-        // Another gait is the last resort of a robot that is about to fall.
-        let in_force = self.in_force();
-        let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
-        // As planned before, the legs return to their usual reach at a certain time, otherwise later.
-        let latest = start + STRETCHED_FOR * time_scale(&self.robot);
-        let (mut iterations, mut count) = (0, 0);
-        for until in [self.stretched_until, latest].into_iter().filter(|until| *until > start) {
-            let stretch = Some(Stretch { factors: STRETCH, until: until - start });
-            let wider = TranscriptionSettings { stretch, ..self.hurried.clone() };
-            for group in [&same, &others] {
-                let (mut solved, more) = self.solve(group, updating, &wider, None);
-                iterations += more;
-                count += solved.iter().flatten().count();
-                if let Some(choice) = self.choose(group, &mut solved, &wider) {
-                    self.stretched_until = until;
-                    return (Some(choice), iterations, count);
-                }
-            }
-        }
-        (None, iterations, count)
+    /// * `iterations`, `count` - in and out: numbers of iterations and of solutions of the update
+    fn solve_again(
+        &self,
+        candidates: &[Candidate],
+        updating: &Updating,
+        transcription: &TranscriptionSettings,
+        iterations: &mut usize,
+        count: &mut usize,
+    ) -> Option<Choice> {
+        let (mut solved, more) = self.solve(candidates, updating, transcription, None);
+        *iterations += more;
+        *count += solved.iter().flatten().count();
+        self.choose(candidates, &mut solved, transcription)
     }
 
     fn check(&self, state: &RobotState, command: &Command, now: f64) -> Result<()> {
