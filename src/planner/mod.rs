@@ -121,7 +121,7 @@ pub struct PlannerSettings {
     /// motions are inexact.
     pub interval: Option<f64>,
     /// Number of cubics of the force of a stance, at least 2. See [`TranscriptionSettings::force_pieces`]. With 2, a trot of ANYmal costs
-    /// 40 % more than with 3, and the velocity at the next update is off the mean by 0.05 instead of 0.01 m/s.
+    /// 40 % more than with 3, and its lateral velocity at the updates scatters by 0.05 instead of 0.01 m/s.
     pub force_pieces: usize,
     /// Largest number of candidates of an update.
     pub candidates: usize,
