@@ -105,10 +105,9 @@ pub struct TranscriptionSettings {
     pub interval: Option<f64>,
     /// `towr` only: time between reach rows, s. Too short: many rows, slow solves. Too long: feet may leave their reach between the rows.
     pub reach_interval: f64,
-    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs. Too many: many
-    /// variables, slow solves. Of the 240 reference candidates 54, 63, 63 and 61 are certified with 3, 4, 5 and 6 pieces. Minimised motions
-    /// cost 5 to 7 % less with 4 than with 3 and take 10 % longer, and 8 to 13 % less with 6 in a third more time.
-    pub force_pieces: usize,
+    /// Number of cubic pieces of the force in a stance, at least 2. Too few: the force cannot follow what the motion needs, which costs
+    /// effort. Too many: many variables, slow solves. If absent, [`TranscriptionSettings::force_pieces`] chooses it.
+    pub force_pieces: Option<usize>,
     /// Tightening of reach, swing and footing rows, m. Too small: rows that the f32 solution touches fail the f64 check. Too large: fewer
     /// gaits are feasible.
     pub length_margin: f64,
@@ -150,7 +149,7 @@ impl Default for TranscriptionSettings {
             rows: Transcription::Momentum,
             interval: None,
             reach_interval: 0.08,
-            force_pieces: 3,
+            force_pieces: None,
             length_margin: 1e-3,
             reach_margin: 0.,
             force_margin: 1e-3,
@@ -172,9 +171,9 @@ impl TranscriptionSettings {
         TranscriptionSettings { rows, ..TranscriptionSettings::default() }
     }
 
-    /// Settings of the paper \[1\], which does not limit legs and motors.
+    /// Settings of the paper \[1\]: no limits of legs and motors, and three pieces of the force in a stance, as in TOWR.
     pub fn paper(rows: Transcription) -> Self {
-        TranscriptionSettings { legs: Legs::Free, ..TranscriptionSettings::of(rows) }
+        TranscriptionSettings { legs: Legs::Free, force_pieces: Some(3), ..TranscriptionSettings::of(rows) }
     }
 
     /// Friction model: by default the cone for `momentum`, whose motions are certified with it, and the pyramid for `towr`.
@@ -182,6 +181,17 @@ impl TranscriptionSettings {
         self.friction.unwrap_or(match self.rows {
             Transcription::Momentum => Friction::Cone,
             Transcription::Towr => Friction::Pyramid,
+        })
+    }
+
+    /// Number of cubic pieces of the force in a stance: by default 4, and 3 for `towr`, as in TOWR.
+    ///
+    /// Of the 240 reference candidates 54, 63, 63 and 61 are certified with 3, 4, 5 and 6 pieces. Minimised motions cost 5 to 7 % less with
+    /// 4 than with 3 and take 10 % longer, and 8 to 13 % less with 6 in a third more time.
+    pub fn force_pieces(&self) -> usize {
+        self.force_pieces.unwrap_or(match self.rows {
+            Transcription::Momentum => 4,
+            Transcription::Towr => 3,
         })
     }
 }
@@ -383,7 +393,7 @@ impl TranscriptionSettings {
             check_range("transcription.interval", interval, 0.01, 1.)?;
         }
         check_range("transcription.reach_interval", self.reach_interval, 0.005, 1.)?;
-        check_range("transcription.force_pieces", self.force_pieces as f64, 2., 16.)?;
+        check_range("transcription.force_pieces", self.force_pieces() as f64, 2., 16.)?;
         check_range("transcription.length_margin", self.length_margin, 0., 0.1)?;
         check_range("transcription.reach_margin", self.reach_margin, 0., 10.)?;
         check_range("transcription.force_margin", self.force_margin, 0., 0.1)?;

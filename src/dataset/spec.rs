@@ -287,7 +287,7 @@ impl Spec {
     fn lower_settings(&self) -> Result<LowerSettings> {
         let mut settings = LowerSettings::default();
         settings.solver.optimise.iterations = ITERATIONS;
-        settings.transcription.force_pieces = FORCE_PIECES;
+        settings.transcription.force_pieces = Some(FORCE_PIECES);
         let table = |name: &str| match self.settings.get(name) {
             None => Ok(toml::Table::new()),
             Some(toml::Value::Table(table)) => Ok(table.clone()),

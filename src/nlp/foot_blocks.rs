@@ -58,7 +58,7 @@ pub(super) fn blocks<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
                 let height = b.block(descends, [mid], [0.; 6]);
                 b.feet[foot].heights.push(height);
             }
-            let pieces = b.settings.force_pieces;
+            let pieces = b.settings.force_pieces();
             let span = b.feet[foot].phases[2 * stance];
             let mut nodes = Vec::with_capacity(pieces + 1);
             for node in 0..=pieces {
@@ -184,7 +184,7 @@ pub(super) struct ForcePoint {
 
 /// All limited forces.
 pub(super) fn force_points<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>) -> Vec<ForcePoint> {
-    let pieces = b.settings.force_pieces;
+    let pieces = b.settings.force_pieces();
     let mut points = Vec::new();
     for foot in &b.feet {
         for (stance, nodes) in foot.force_nodes.iter().enumerate() {

@@ -345,7 +345,7 @@ impl Planner {
         let transcription = TranscriptionSettings {
             goal_velocity: GoalVelocity::Near,
             interval: Some(settings.interval.unwrap_or((2. * usual).min(LONGEST_INTERVAL))),
-            force_pieces: settings.force_pieces,
+            force_pieces: Some(settings.force_pieces),
             reach_margin: settings.reach_margin * task.robot.base_height,
             ..TranscriptionSettings::default()
         };

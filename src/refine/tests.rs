@@ -128,11 +128,16 @@ fn derivatives_of_the_rows_agree_with_central_differences() {
     });
 }
 
+/// Few pieces, whose first motion leaves much to refine.
+fn coarse() -> TranscriptionSettings {
+    TranscriptionSettings { force_pieces: Some(3), ..TranscriptionSettings::default() }
+}
+
 /// A short trot, refined for some iterations.
 fn refined(settings: &RefineSettings) -> (Task, Refined) {
     let task = task("anymal", "flat", [0.4, 0.], 0.);
-    let gait = found(&task, GaitFamily::Trot, &LowerSettings::default());
-    let transcription = TranscriptionSettings::default();
+    let transcription = coarse();
+    let gait = found(&task, GaitFamily::Trot, &LowerSettings { transcription: transcription.clone(), ..LowerSettings::default() });
     let refined = refine(&task, &gait.schedule, &gait.x, &transcription, &CostWeights::default(), settings, &|| false).unwrap();
     assert!(refined.certified && refined.schedule.count() == gait.schedule.count());
     (task, refined)
@@ -174,7 +179,7 @@ fn a_duration_of_the_task_is_kept_while_phases_change() {
 #[test]
 fn forces_of_a_refined_gait_lie_inside_friction_cones_between_nodes() {
     let (task, r) = refined(&RefineSettings { iterations: 6, ..RefineSettings::default() });
-    let motion = r.trajectory(&task, &TranscriptionSettings::default());
+    let motion = r.trajectory(&task, &coarse());
     for foot in &motion.ee {
         for (ends, length) in foot.force.nodes.windows(2).zip(&foot.force.poly_durations) {
             for i in 0..=20 {

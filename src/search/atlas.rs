@@ -64,7 +64,7 @@ const MAX_SLOPE: f64 = 1.;
 /// Largest number of problems of one atlas.
 pub const MAX_PROBLEMS: usize = 1_000_000;
 
-/// Number of cubic pieces of the force in a stance. With the usual three, the forces of overlapping stances cannot add up to the weight:
+/// Number of cubic pieces of the force in a stance. With three, the forces of overlapping stances cannot add up to the weight:
 /// the body bounces, at a cost, unless the duty factor suits the pieces. ANYmal's cheapest trot at 0.25 `sqrt(g l)` costs 0.53
 /// with 3 pieces and 0.41, 0.40 and 0.34 with 4, 6 and 8 (effort weight 0.07); eight take 1.2 to 1.6 times the time of four.
 pub const FORCE_PIECES: usize = 8;
@@ -75,7 +75,7 @@ pub const ITERATIONS: usize = 20;
 /// Settings of the lower level for an atlas.
 pub fn atlas_settings() -> LowerSettings {
     let mut settings = LowerSettings::default();
-    settings.transcription.force_pieces = FORCE_PIECES;
+    settings.transcription.force_pieces = Some(FORCE_PIECES);
     settings.solver.optimise.iterations = ITERATIONS;
     settings
 }

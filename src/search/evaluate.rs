@@ -147,7 +147,7 @@ pub fn check_candidate(task: &Task, schedule: &Schedule, settings: &LowerSetting
         ));
     }
     let phases: usize = schedule.durations().iter().map(Vec::len).sum();
-    let a_phase = 6 * settings.transcription.force_pieces + 4;
+    let a_phase = 6 * settings.transcription.force_pieces() + 4;
     let variables = 12 * (schedule.intervals(interval) + 1) + phases * a_phase;
     // A front contains the variables of one interval, twice. The factor that it produces has as many rows as there are variables.
     let front = 24 + a_phase * most_phases(schedule, interval);

@@ -384,7 +384,8 @@ fn with_cones_no_foot_slips_at_any_time() {
         for seed in 0..3 {
             let schedule = gait(&mut Random::new(seed), task.robot.feet(), 5..=7);
             let [pyramid, cone] = [Friction::Pyramid, Friction::Cone].map(Some).map(|friction| {
-                let problem = problem_with(&task, &schedule, &TranscriptionSettings { friction, ..TranscriptionSettings::default() });
+                let settings = TranscriptionSettings { friction, force_pieces: Some(3), ..TranscriptionSettings::default() };
+                let problem = problem_with(&task, &schedule, &settings);
                 let (outcome, x) = solve(&problem, &SolverSettings::default());
                 assert_eq!(outcome.status, Status::Solved, "{robot}, gait {seed}, {friction:?}");
                 out_of_the_cone(&task, &trajectory(&task, &problem.curves, &x))

@@ -62,7 +62,7 @@ fn transcription() -> impl Strategy<Value = TranscriptionSettings> {
                 friction: Some(if cone && rows == Transcription::Momentum { Friction::Cone } else { Friction::Pyramid }),
                 interval: Some(interval),
                 reach_interval,
-                force_pieces,
+                force_pieces: Some(force_pieces),
                 ..TranscriptionSettings::default()
             }
         },
@@ -109,7 +109,7 @@ proptest! {
 
 /// Numbers of variables and rows, derived from the schedule alone.
 fn check_sizes(problem: &Problem<f32>, schedule: &Schedule, settings: &TranscriptionSettings) -> Result<(), TestCaseError> {
-    let (pieces, knots) = (settings.force_pieces, problem.curves.intervals);
+    let (pieces, knots) = (settings.force_pieces(), problem.curves.intervals);
     let stances: usize = (0..schedule.feet()).map(|foot| schedule.stances(foot)).sum();
     let swings = stances - schedule.feet();
     let momentum = settings.rows == Transcription::Momentum;

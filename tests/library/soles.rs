@@ -15,11 +15,17 @@ use cregopt::terrain::{Grid, Shape, Terrain};
 use cregopt::{Cpu, Evaluate, Goal, Trajectory, verify};
 use std::f64::consts::FRAC_PI_2;
 
-fn solved(task: &Task, schedule: &Schedule, iterations: usize) -> (Evaluated, Trajectory) {
+/// Typical gaits swing their feet faster than a sole can bear by default, and the forgeries are written for the nodes of three pieces.
+fn lower() -> LowerSettings {
     let mut settings = LowerSettings::default();
-    settings.solver.optimise.iterations = iterations;
-    // Typical gaits swing their feet faster than a sole can bear by default.
     settings.transcription.foot_acceleration = Some(20. * GRAVITY);
+    settings.transcription.force_pieces = Some(3);
+    settings
+}
+
+fn solved(task: &Task, schedule: &Schedule, iterations: usize) -> (Evaluated, Trajectory) {
+    let mut settings = lower();
+    settings.solver.optimise.iterations = iterations;
     let evaluate = Evaluate::new(task).settings(settings).cost(CostWeights::default());
     let found = evaluate.run(std::slice::from_ref(schedule), &Cpu::new(1).unwrap()).unwrap().remove(0).unwrap();
     let motion = evaluate.trajectory(&found);
@@ -91,7 +97,7 @@ fn the_minimised_objective_is_the_cost_of_the_motion() {
     // The rows add up to the cost; that of the trunk is the trapezoidal rule over the knots.
     let (found, motion) = solved(&task, &typical(GaitFamily::Walk, &task), 0);
     let effort = CostWeights { leg_work: 0., swing_work: 0., joint_excess: 0., ..weights };
-    let problem = Problem::<f64>::with_cost(&task, &found.schedule, &LowerSettings::default().transcription, Some(&effort));
+    let problem = Problem::<f64>::with_cost(&task, &found.schedule, &lower().transcription, Some(&effort));
     assert!(!problem.goals.is_empty());
     let of_rows = Objective { weight: 1., rounding: 1e-9 }.cost(&problem, &rows(&problem, &found.x, 0.).c);
     let of_motion = cost(&motion, &task.robot, task.robot.leg_mass(), &effort).unwrap().total;

@@ -72,7 +72,10 @@ fn a_csv_motion_is_consistent_with_its_forces() {
             2. * (-rate[0] * z - rate[1] * y + rate[2] * x + rate[3] * w),
         ];
         for (axis, spin) in ["x", "y", "z"].iter().zip(spin) {
-            assert!((spin - of[&format!("base_angular_velocity_{axis}_rad/s")][i]).abs() < 1e-4, "{axis} at {} s", time[i]);
+            // The difference is the mean over both steps, also where the angular acceleration jumps.
+            let w = &of[&format!("base_angular_velocity_{axis}_rad/s")];
+            let mean = (w[i - 1] + 2. * w[i] + w[i + 1]) / 4.;
+            assert!((spin - mean).abs() < 2e-5, "{axis} at {} s: {spin}, {mean}", time[i]);
         }
     }
     // Forces act from the ground on the feet: with the weight they change the momentum of the base, within the certified tolerance.

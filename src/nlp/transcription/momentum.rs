@@ -374,7 +374,7 @@ fn stance_impulses<T: Real>(b: &mut Builder<T>, foot: usize, stance: usize, t: f
         return;
     }
     let nodes = &b.feet[foot].force_nodes[stance];
-    let pieces = b.settings.force_pieces as f64;
+    let pieces = b.settings.force_pieces() as f64;
     let [scale, moment_scale] = [b.force_unit(), b.moment_unit()].map(|unit| [unit, unit * pieces / span.duration()]);
     let ends = std::array::from_fn(|q| t + GAUSS_6.get(q).map_or(1., |n| n[0]) * h);
     basis_integrals(span, nodes.len(), t, ends, &mut uses.integrals);

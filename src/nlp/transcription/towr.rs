@@ -169,7 +169,7 @@ impl<T: Real> Transcribe<T> for Towr {
 fn stance_force<T: Real>(b: &Builder<T>, foot: usize, phase: usize, t: f64) -> (StanceForce<T>, [Use; 3]) {
     let span = b.feet[foot].phases[phase];
     let (nodes, foothold) = (&b.feet[foot].force_nodes[phase / 2], b.feet[foot].footholds[phase / 2]);
-    let pieces = b.settings.force_pieces;
+    let pieces = b.settings.force_pieces();
     let duration = span.duration() / pieces as f64;
     let piece = (((t - span.start) / duration).max(0.) as usize).min(pieces - 1);
     let w = hermite(t - span.start - piece as f64 * duration, duration);

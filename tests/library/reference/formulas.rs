@@ -170,7 +170,7 @@ pub fn expected_cones(task: &Task, nodes: &Trajectory, problem: &Problem<f64>) -
             let foothold = foot.motion.nodes[3 * stance];
             let [hx, hy] = task.terrain.ground(foothold[0], foothold[1]).slope;
             let n = Vector3::new(-hx, -hy, 1.).normalize();
-            let pieces = settings.force_pieces;
+            let pieces = settings.force_pieces();
             let third = durations[2 * stance] / pieces as f64 / 3.;
             for node in usize::from(stance > 0)..pieces + usize::from(stance + 1 == stances) {
                 let [value, slope] = [0, 3].map(|d| Vector3::from_column_slice(&foot.force.nodes[(pieces + 1) * stance + node][d..d + 3]));

@@ -79,8 +79,8 @@ fn the_front_solves_what_a_dense_cholesky_solves() {
     let mut problems: Vec<(Case, TranscriptionSettings)> = Vec::new();
     for own in families() {
         // Many reach instants in a step, and steps without any.
-        let coarse = TranscriptionSettings { interval: Some(0.3), reach_interval: 0.02, force_pieces: 4, ..own.clone() };
-        let fine = TranscriptionSettings { interval: Some(0.05), reach_interval: 0.11, force_pieces: 2, ..own.clone() };
+        let coarse = TranscriptionSettings { interval: Some(0.3), reach_interval: 0.02, force_pieces: Some(4), ..own.clone() };
+        let fine = TranscriptionSettings { interval: Some(0.05), reach_interval: 0.11, force_pieces: Some(2), ..own.clone() };
         for (i, case) in cases().into_iter().enumerate() {
             let mut random = Random::new(i as u64);
             let schedule = gait(&mut random, case.task.robot.feet(), if i % 2 == 0 { 3..=7 } else { 1..=3 });
