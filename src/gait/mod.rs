@@ -9,5 +9,5 @@ pub mod spline;
 pub mod swing;
 pub mod trajectory;
 
-pub use schedule::{AlignedSchedule, Phase, Schedule};
+pub use schedule::{AlignedSchedule, Kept, Phase, Schedule};
 pub use trajectory::{Curve, FootCurves, Trajectory};

@@ -11,6 +11,15 @@ pub const MAX_PHASES: usize = 1001;
 /// Shortest phase, s.
 pub const MIN_PHASE: f64 = 1e-3;
 
+/// Duration that stays when the number of strides changes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kept {
+    /// The time for which a foot swings in all, and so its mean speed in the air.
+    TimeInAir,
+    /// Each swing, and so the rhythm of the gait; the horizon changes more.
+    Swings,
+}
+
 /// Interval in which one foot's contact does not change.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Phase {
@@ -163,11 +172,12 @@ impl Schedule {
     }
 
     /// The schedule with another number of strides: each foot repeats or leaves out some of its swings, evenly spread, together with the
-    /// stances before them. It swings as long as before in all, so that its mean speed in the air stays. All feet end when the last one
-    /// did. `None` if a foot has fewer than two swings before or none after, or is in the air at an end.
+    /// stances before them. All feet end when the last one did. `None` if a foot has fewer than two swings before or none after, or is in
+    /// the air at an end.
     ///
+    /// * `kept` - duration that stays
     /// * `strides` - number of swings of a foot after the change, from that before it; at least half of it
-    pub fn with_strides(&self, strides: impl Fn(usize) -> usize) -> Option<Schedule> {
+    pub fn with_strides(&self, kept: Kept, strides: impl Fn(usize) -> usize) -> Option<Schedule> {
         let changed = |phases: &Vec<f64>| {
             let before = phases.len() / 2;
             let after = strides(before);
@@ -177,9 +187,11 @@ impl Schedule {
             }
             let mut changed: Vec<f64> = (0..after).flat_map(|i| phases[(2 * i + 1) * before / (2 * after) * 2..][..2].to_vec()).collect();
             changed.extend(phases.last());
-            let swings = |phases: &[f64]| phases.iter().skip(1).step_by(2).sum::<f64>();
-            let factor = swings(phases) / swings(&changed);
-            changed.iter_mut().skip(1).step_by(2).for_each(|swing| *swing *= factor);
+            if kept == Kept::TimeInAir {
+                let swings = |phases: &[f64]| phases.iter().skip(1).step_by(2).sum::<f64>();
+                let factor = swings(phases) / swings(&changed);
+                changed.iter_mut().skip(1).step_by(2).for_each(|swing| *swing *= factor);
+            }
             Some(changed)
         };
         let durations = self.durations.iter().map(changed).collect::<Option<Vec<_>>>()?;
@@ -317,22 +329,25 @@ mod tests {
     }
 
     #[test]
-    fn another_number_of_strides_keeps_the_time_in_the_air() {
+    fn another_number_of_strides_keeps_the_time_in_the_air_or_the_swings() {
         let s = Schedule::new(vec![vec![0.3, 0.2, 0.4, 0.21, 0.5, 0.19, 0.6, 0.2, 0.7], vec![0.5, 0.2, 0.4, 0.2, 0.5, 0.2, 0.6, 0.2, 0.5]])
             .unwrap();
         let swings = |s: &Schedule, foot: usize| s.durations()[foot].iter().skip(1).step_by(2).sum::<f64>();
         for (strides, stances) in [(3, [0.3, 0.5, 0.6, 0.7].as_slice()), (6, &[0.3, 0.4, 0.4, 0.5, 0.6, 0.6, 0.7]), (2, &[0.4, 0.6, 0.7])] {
-            let changed = s.with_strides(|before| before + strides - 4).unwrap();
+            let changed = s.with_strides(Kept::TimeInAir, |before| before + strides - 4).unwrap();
             let found: Vec<f64> = changed.durations()[0].iter().step_by(2).copied().collect();
             assert!(found.iter().zip(stances).all(|(a, b)| (a - b).abs() < 1e-12) && found.len() == stances.len(), "{found:?}");
             assert!((0..2).all(|foot| (swings(&changed, foot) - swings(&s, foot)).abs() < 1e-12 && changed.stances(foot) == strides + 1));
             assert!((0..2).all(|foot| (changed.durations()[foot].iter().sum::<f64>() - changed.horizon()).abs() < 1e-12));
+            let same = s.with_strides(Kept::Swings, |before| before + strides - 4).unwrap();
+            let mean = |s: &Schedule| swings(s, 1) / (s.stances(1) - 1) as f64;
+            assert!((mean(&same) - mean(&s)).abs() < 1e-12 && same.stances(0) == strides + 1);
         }
         for refused in [0, 1] {
-            assert_eq!(s.with_strides(|_| refused), None);
+            assert_eq!(s.with_strides(Kept::Swings, |_| refused), None);
         }
         for phases in [vec![0.3, 0.2, 0.6], vec![0., 0.2, 0.3, 0.2, 0.4], vec![0.3, 0.2, 0.3, 0.3, -0.1]] {
-            assert_eq!(Schedule::new(vec![phases]).unwrap().with_strides(|before| before), None);
+            assert_eq!(Schedule::new(vec![phases]).unwrap().with_strides(Kept::Swings, |before| before), None);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::SearchState;
 use crate::backend::Solution;
-use crate::gait::Schedule;
+use crate::gait::{Kept, Schedule};
 use crate::gait::family::GaitFamily;
 use crate::nlp::Curves;
 use crate::refine::durations::{Descent, Timed};
@@ -84,10 +84,13 @@ impl SearchState<'_, '_> {
         let (solver, settings, GaitDescent { gait, descent }) = (self.solver, self.settings.cem(1), of);
         let (schedule, limit) = (descent.timed().schedule, WORTH_DESCENDING * descent.cost());
         let new = |schedule: &Schedule| !tried.contains(&(gait.family, stances(schedule))) && solver.check(schedule).is_ok();
-        let changed = |share: f64| schedule.with_strides(|strides| (share * strides as f64).round() as usize).filter(new);
-        let sides = STRIDES.iter().enumerate();
-        let mut others: Vec<(usize, Schedule)> =
-            sides.flat_map(|(side, shares)| shares.iter().filter_map(move |share| Some((side, changed(*share)?)))).collect();
+        let changed = |share: f64, kept| schedule.with_strides(kept, |strides| (share * strides as f64).round() as usize).filter(new);
+        let mut others: Vec<(usize, Schedule)> = Vec::new();
+        for (side, shares) in STRIDES.iter().enumerate() {
+            for kept in [Kept::Swings, Kept::TimeInAir] {
+                others.extend(shares.iter().filter_map(|share| Some((2 * side + kept as usize, changed(*share, kept)?))));
+            }
+        }
         others.dedup();
         self.duration_solves += others.len();
         let (sides, others): (Vec<usize>, Vec<Schedule>) = others.into_iter().unzip();
