@@ -65,7 +65,7 @@ pub struct SearchSettings {
     /// best durations; too large: only time is lost.
     pub timed_gaits: usize,
     /// Largest number of steps along the gradient of the cost with respect to the durations, for each of these gaits; 0: durations and
-    /// numbers of strides stay as they were drawn. While another number of strides is better, up to as many steps follow. Too small:
+    /// numbers of strides stay as they were drawn. While another number of strides is better or the cost falls, more steps follow. Too small:
     /// durations are not the best; too large: only time is lost. With 21 and 30 steps a hexapod's 6 m cost 1.287 and 1.274 with its first
     /// number of strides, and 30 take 16 % more time. Only for the objective `transport`.
     pub duration_steps: usize,

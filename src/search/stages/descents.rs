@@ -2,8 +2,8 @@
 
 use super::SearchState;
 use crate::backend::Solution;
-use crate::gait::{Kept, Schedule};
 use crate::gait::family::GaitFamily;
+use crate::gait::{Kept, Schedule};
 use crate::nlp::Curves;
 use crate::refine::durations::{Descent, Timed};
 use crate::search::batch::{BatchSolver, ScheduleSolver};
@@ -12,10 +12,13 @@ use crate::search::evaluate::{Certify, Evaluated, EvaluationContext};
 use crate::solver::Outcome;
 use rayon::prelude::*;
 
-/// Number of rounds in which durations are optimised, and their largest number while each finds a better number of strides.
-const DURATION_ROUNDS: [usize; 2] = [3, 6];
+/// Number of rounds in which durations are optimised, and their largest number while each finds a better number of strides or lowers the
+/// cost by this share. A hexapod's 6 m cost 1.08 if only numbers of strides count, and 1.01 so.
+const DURATION_ROUNDS: [usize; 2] = [3, 10];
+const WORTH_A_ROUND: f64 = 0.01;
 
-/// Numbers of strides with which the best gait is tried, fewer and more, as shares of its own. Far ones first.
+/// Numbers of strides with which the best gait is tried, fewer and more, as shares of its own. Far ones first. Each is tried with the same
+/// swings and with the same time in the air: six searches with the same swings alone end 2.3 % higher in the mean, in 30 % less time.
 const STRIDES: [[f64; 3]; 2] = [[0.7, 0.8, 0.9], [1.4, 1.2, 1.1]];
 
 /// Largest ratio of the cost of a gait with another number of strides to that of the best gait with which its durations are optimised.
@@ -48,7 +51,7 @@ impl SearchState<'_, '_> {
         for round in 0..DURATION_ROUNDS[1] {
             let kept = (self.settings.timed_gaits >> round).max(1).min(descents.len());
             self.duration_solves += descents.drain(kept..).map(|of| of.descent.minimisations()).sum::<usize>();
-            let leader = descents.first().map(|of| strides(&of.gait));
+            let leader = descents.first().map(|of| (strides(&of.gait), of.descent.cost()));
             descents.append(&mut pool.install(|| new.into_par_iter().filter_map(begun).collect()));
             let advanced = |GaitDescent { gait, descent }: &mut GaitDescent| {
                 descent.advance(steps, &cancelled);
@@ -59,7 +62,8 @@ impl SearchState<'_, '_> {
             descents.sort_by(|a, b| a.descent.cost().total_cmp(&b.descent.cost()));
             self.report_improvement();
             let Some(best) = descents.first() else { break };
-            let settled = leader == Some(strides(&best.gait));
+            let falls = |cost| best.descent.cost() < (1. - WORTH_A_ROUND) * cost;
+            let settled = leader.is_some_and(|(before, cost)| before == strides(&best.gait) && !falls(cost));
             if cancelled() || settled && round + 1 >= DURATION_ROUNDS[0] {
                 break;
             }
