@@ -26,12 +26,12 @@ const GRID: [[f64; 2]; 3] = [[0.8, 2.], [0.8, 5.], [0.3, 1.2]];
 /// Largest share of the evaluations that are steps along the gradient of the durations.
 const GRADIENT_SHARE: f64 = 0.5;
 
-/// Number of descents along the durations in the three rounds of a search with the default number of gaits, if another number of strides
-/// is better once. Each begins with one minimisation and may repeat that of one motion.
-const DESCENTS: usize = 4 + 3 + 2;
+/// Number of descents along the durations in the three rounds of a search with the default number of gaits, if other numbers of strides
+/// are better once. Each begins with one minimisation and may repeat that of one motion.
+const DESCENTS: usize = 4 + 4 + 3;
 
 /// Number of minimisations with other numbers of strides in these rounds.
-const OTHER_STRIDES: usize = 6;
+const OTHER_STRIDES: usize = 12;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Method {
