@@ -53,7 +53,7 @@ struct Case {
 
 /// Robots with one to eight feet, on every kind of terrain, with and without a turn.
 fn cases() -> Vec<Case> {
-    let mut random = Random::new(3);
+    let mut random = Random::new(1);
     let gap = || Terrain::named("gap").unwrap();
     let tasks = [
         task("anymal", "flat", [5.9, -0.3], std::f64::consts::PI),

@@ -165,12 +165,17 @@ fn check_jacobian(name: &str, problem: &Problem<f64>, seed: u64, edge_radius: f6
     }
 }
 
+/// Settings with fewer force pieces than in the search. The draws of points depend on their number.
+fn few_pieces(settings: TranscriptionSettings) -> TranscriptionSettings {
+    TranscriptionSettings { force_pieces: Some(3), ..settings }
+}
+
 #[test]
 fn jacobians_match_central_differences() {
     for (seed, case) in cases().iter().enumerate() {
         for settings in families() {
-            // Fewer stances and pieces than in the search, because every variable takes two evaluations.
-            let settings = TranscriptionSettings { force_pieces: Some(3), ..settings };
+            // Fewer stances than in the search, because every variable takes two evaluations.
+            let settings = few_pieces(settings);
             let schedule = gait(&mut Random::new(seed as u64), case.task.robot.feet(), 3..=6);
             let problem = problem_with_cost::<f64>(&case.task, &schedule, &settings);
             for edge_radius in [0., 0.04] {
@@ -229,8 +234,7 @@ fn jacobians_of_joint_limits_match_central_differences() {
     let moving = || [0.05, 0.2].map(|since| mid_stride(&task_for(jointed(spider(5)), hills(), [0.3, 0.2], 0.4), since));
     let whole = standing().map(|task| (task, gait(&mut Random::new(3), 4, 3..=5)));
     for (seed, (task, schedule)) in whole.into_iter().chain(moving()).enumerate() {
-        let settings =
-            TranscriptionSettings { goal_velocity: GoalVelocity::Near, force_pieces: Some(3), ..TranscriptionSettings::default() };
+        let settings = few_pieces(TranscriptionSettings { goal_velocity: GoalVelocity::Near, ..TranscriptionSettings::default() });
         let problem = problem_with_cost::<f64>(&task, &schedule, &settings);
         let c = rows(&problem, &point(&problem, &mut Random::new(seed as u64), 0.), 0.).c;
         for family in [Family::JointTorque, Family::JointSpeed] {
@@ -299,7 +303,7 @@ fn cost_rows_do_not_change_the_order_of_the_variables() {
 #[test]
 fn the_cases_have_footholds_on_slopes_where_there_are_any() {
     for (seed, case) in cases().iter().enumerate().filter(|(_, case)| case.task.terrain.shape != Shape::Flat) {
-        for settings in transcriptions() {
+        for settings in transcriptions().map(few_pieces) {
             let problem = problem_with::<f64>(&case.task, &case.schedule, &settings);
             let x = point(&problem, &mut Random::new(seed as u64), 0.);
             let slope = |at: usize| case.task.terrain.ground(x[at], x[at + 1]).slope;
