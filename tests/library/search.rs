@@ -7,6 +7,7 @@ use cregopt::gait::family::{GaitFamily, PeriodicGait};
 use cregopt::gait::spline::hermite;
 use cregopt::nlp::transcription::force_limit;
 use cregopt::robot::{GRAVITY, Reach};
+use cregopt::scenario::Scenario;
 use cregopt::search::cem::{CemSettings, Objective, Sampler, StopReason};
 use cregopt::search::evaluate::{Evaluate, LowerSettings};
 use cregopt::search::{Gaits, SearchEvent, SearchSettings};
@@ -122,8 +123,17 @@ fn a_gait_with_too_many_strides_loses_some() {
     let typical = PeriodicGait::typical(GaitFamily::Trot, &task).unwrap();
     let found = run(Search::new(&task).gaits(Gaits::Families(vec![GaitFamily::Trot])));
     let (strides, cost) = (found.best.candidate.solution.schedule.stances(0) - 1, cost(&found.best));
-    // With the five strides of the typical gait the search ended between 1.83 and 1.87, whatever the seed.
-    assert!(typical.strides == 5 && strides == 4 && cost < 1.82, "{strides} strides, cost {cost}");
+    // Seeds 1 to 3 end between 1.67 and 1.70. With three force pieces it was 1.77 to 1.80, and with the five strides of the typical gait 1.83.
+    assert!(typical.strides == 5 && strides == 4 && cost < 1.74, "{strides} strides, cost {cost}");
+}
+
+#[test]
+fn a_long_turn_has_few_strides_and_a_short_horizon() {
+    let task = Scenario::named("s2").unwrap().task(4).unwrap();
+    let found = run(Search::new(&task).seed(1));
+    let (schedule, cost) = (&found.best.candidate.solution.schedule, cost(&found.best));
+    // With the time in the air kept alone, the search ended with 17 strides in 6.6 s, at 1.376.
+    assert!(schedule.horizon() < 6. && cost < 1.32, "{} s, cost {cost}", schedule.horizon());
 }
 
 #[test]

@@ -89,12 +89,9 @@ impl SearchState<'_, '_> {
         let (schedule, limit) = (descent.timed().schedule, WORTH_DESCENDING * descent.cost());
         let new = |schedule: &Schedule| !tried.contains(&(gait.family, stances(schedule))) && solver.check(schedule).is_ok();
         let changed = |share: f64, kept| schedule.with_strides(kept, |strides| (share * strides as f64).round() as usize).filter(new);
-        let mut others: Vec<(usize, Schedule)> = Vec::new();
-        for (side, shares) in STRIDES.iter().enumerate() {
-            for kept in [Kept::Swings, Kept::TimeInAir] {
-                others.extend(shares.iter().filter_map(|share| Some((2 * side + kept as usize, changed(*share, kept)?))));
-            }
-        }
+        let sides = STRIDES.iter().flat_map(|shares| [Kept::Swings, Kept::TimeInAir].map(|kept| (shares, kept))).enumerate();
+        let mut others: Vec<(usize, Schedule)> =
+            sides.flat_map(|(side, (shares, kept))| shares.iter().filter_map(move |share| Some((side, changed(*share, kept)?)))).collect();
         others.dedup();
         self.duration_solves += others.len();
         let (sides, others): (Vec<usize>, Vec<Schedule>) = others.into_iter().unzip();
