@@ -15,8 +15,9 @@ use std::io::Write;
 /// Least number of waves per SIMD, in the order of [`CHIPS`], of the shaders that do not fill it: as many as Mesa 22.3 gives them.
 ///
 /// Rows and their products need more registers than all waves together have, most of all the joint speeds, which carry the inverse of a
-/// Jacobian and its changes; `front` keeps its front in workgroup memory, and substitutions read sixteen pivot rows at once. The stages of
-/// the solver copy the progress of their candidate, 24 words.
+/// Jacobian and its changes; `front` keeps its front in workgroup memory, and substitutions stage sixteen pivot rows
+/// there, as long as the side of the front. With four force pieces instead of three that leaves room for 24 to 30 waves instead of 32. The
+/// stages of the solver copy the progress of their candidate, 24 words.
 const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::Dynamics, [12, 12, 3]),
     (Shader::Momentum, [12, 12, 3]),
@@ -31,8 +32,8 @@ const LEAST_WAVES: &[(Shader, [u64; 3])] = &[
     (Shader::JointSpeed, [9, 8, 2]),
     (Shader::ConeCurvature, [32, 32, 9]),
     (Shader::Front, [6, 6, 2]),
-    (Shader::Substitute, [32, 32, 7]),
-    (Shader::Forward, [32, 32, 7]),
+    (Shader::Substitute, [26, 24, 7]),
+    (Shader::Forward, [29, 30, 7]),
     (Shader::Product, [21, 24, 7]),
     (Shader::Judge, [32, 32, 8]),
     (Shader::Weights, [32, 32, 9]),
