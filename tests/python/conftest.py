@@ -23,8 +23,8 @@ def task() -> cregopt.Task:
 
 @pytest.fixture(scope="session")
 def gait(task: cregopt.Task) -> cregopt.Gait:
-    """Feasible gait of the task."""
-    return cregopt.search(task, population=4, generations=1, device="cpu")
+    """Feasible trot of the task."""
+    return cregopt.search(task, gaits="trot", population=4, generations=1, device="cpu")
 
 
 @pytest.fixture(scope="session")

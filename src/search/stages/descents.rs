@@ -12,9 +12,11 @@ use crate::search::evaluate::{Certify, Evaluated, EvaluationContext};
 use crate::solver::Outcome;
 use rayon::prelude::*;
 
-/// Number of rounds in which durations are optimised, and their largest number while each finds a better number of strides or lowers the
-/// cost by this share. A hexapod's 6 m cost 1.08 if only numbers of strides count, and 1.01 so.
+/// Number of rounds in which durations are optimised, and their largest number while each finds a better number of strides or is worth it.
 const DURATION_ROUNDS: [usize; 2] = [3, 10];
+
+/// Relative fall of the cost in a round above which another round follows. A hexapod's gait of 6 m costs 1.081 without these rounds and
+/// 1.012 with them.
 const WORTH_A_ROUND: f64 = 0.01;
 
 /// Numbers of strides with which the best gait is tried, fewer and more, as shares of its own. Far ones first. Each is tried with the same
