@@ -252,7 +252,7 @@ impl Default for SolverSettings {
             proximal_floor: 1e-6,
             edge_radius: 0.04,
             closing: 1e-3,
-            closing_steps: 8,
+            closing_steps: 20,
             smooth: SmoothSettings::default(),
             optimise: OptimiseSettings::default(),
             stall: StallSettings::default(),
@@ -318,7 +318,7 @@ impl Default for OptimiseSettings {
             barrier: 1e-4,
             rounding: 1e-2,
             rounding_floor: 3e-4,
-            tolerance: 1e-4,
+            tolerance: 2e-5,
             cost_limit: None,
             cost,
         }
