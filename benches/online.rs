@@ -22,7 +22,7 @@ fn main() -> Result<()> {
     let settings = PlannerSettings {
         candidates: option("--candidates", 16),
         threads: option("--threads", 0),
-        horizon: option("--horizon", 0.8),
+        horizon: Some(option("--horizon", 0.8)),
         optimise_iterations: option("--optimise", 4),
         ..PlannerSettings::default()
     };

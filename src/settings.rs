@@ -37,8 +37,10 @@
 use crate::error::{Error, Result, check_range};
 use crate::gait::cost::CostWeights;
 use crate::gait::trajectory::GoalVelocity;
+use crate::robot::Reach;
 use crate::terrain::Terrain;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 /// Rows that describe the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,10 +87,10 @@ pub enum Legs {
 }
 
 /// Wider reach of the feet at the start of a motion.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Stretch {
-    /// Factors of the reach along x, y and z.
-    pub factors: [f64; 3],
+    /// The wider reach, with the slabs of the robot's reach.
+    pub reach: Arc<Reach>,
     /// Time before which a stance or swing begins that has this reach, s.
     pub until: f64,
 }

@@ -72,6 +72,31 @@ pub struct FootCurves {
     pub yaws: Option<Vec<f64>>,
 }
 
+/// Yaw of one sole over time.
+pub(crate) struct SoleYaws {
+    /// Phase durations, s; stances are even.
+    durations: Vec<f64>,
+    /// Yaw in each stance, rad.
+    yaws: Vec<f64>,
+}
+
+impl SoleYaws {
+    /// Yaw at a time, rad.
+    pub fn at(&self, time: f64) -> f64 {
+        let of = |stance: usize| self.yaws.get(stance).or(self.yaws.last()).copied().unwrap_or(0.);
+        let mut start = 0.;
+        for (phase, &duration) in self.durations.iter().enumerate() {
+            if time < start + duration {
+                let (from, to) = (of(phase / 2), of(phase.div_ceil(2)));
+                let u = ((time - start) / duration).max(0.);
+                return from + (to - from) * u * u * (3. - 2. * u);
+            }
+            start += duration;
+        }
+        of(self.yaws.len())
+    }
+}
+
 impl FootCurves {
     /// Curves of a ball or point.
     pub fn new(motion: Curve, force: Curve) -> FootCurves {
@@ -294,6 +319,12 @@ impl Trajectory {
     /// Yaw of each sole at the end, rad; `None` for feet without soles. For a foot in the air it is that of its next stance. `[feet]`
     pub fn end_yaws(&self) -> Option<Vec<f64>> {
         self.ee.iter().map(|foot| foot.yaws.as_ref().and_then(|yaws| yaws.last().copied())).collect()
+    }
+
+    /// Yaw of a sole over time; `None` for a ball or point.
+    pub(crate) fn sole_yaws(&self, foot: usize) -> Option<SoleYaws> {
+        let yaws = self.ee[foot].yaws.clone()?;
+        Some(SoleYaws { durations: self.durations[foot].clone(), yaws })
     }
 
     /// State of a foot that is in the air at the start.

@@ -7,7 +7,7 @@ use super::transcription::{ReachTime, SwingLaw, Transcribe};
 use crate::gait::spline::{hermite, hermite_acceleration};
 use crate::gait::swing::TOP_SPEED;
 use crate::real::Real;
-use crate::robot::{FootReach, Slab};
+use crate::robot::{FootReach, Reach, Slab};
 use crate::rows::Family;
 use crate::rows::acceleration::Acceleration;
 use crate::rows::blocks::{BlockId, Foothold, Use};
@@ -96,8 +96,10 @@ pub(super) fn swing_curve<T: Real>(own: &dyn Transcribe<T>, b: &Builder<T>, foot
 /// Adds the reach rows of the feet at every instant.
 fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
     let times = own.reach_times(b);
-    let groups: Vec<Vec<[Slab; reach::ROWS]>> = (0..b.feet.len()).map(|foot| groups(&b.task.robot.reach.foot(foot))).collect();
-    b.reserve_reach(times.len(), times.iter().flat_map(|time| &groups[time.feet.clone()]).map(Vec::len).sum());
+    let groups_of = |reach: &Reach| (0..b.feet.len()).map(|foot| groups(&reach.foot(foot))).collect::<Vec<_>>();
+    let usual = groups_of(&b.task.robot.reach);
+    let wider = b.settings.stretch.as_ref().map(|stretch| (stretch.until, groups_of(&stretch.reach)));
+    b.reserve_reach(times.len(), times.iter().flat_map(|time| &usual[time.feet.clone()]).map(Vec::len).sum());
     let mut phases = vec![0; b.feet.len()];
     // Phase of each foot at its previous instant, and its legs in that phase, one per group of slabs.
     let mut legs = vec![(usize::MAX, Vec::new()); b.feet.len()];
@@ -109,6 +111,8 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             let FootWeights { xy, z, offset } = curve.map_or(FootWeights::STANCE, |curve| curve.weights(t, hermite));
             // The offset of a swing that had begun before changes with time.
             if legs[foot].0 != phase || curve.is_some_and(|curve| curve.started()) {
+                let start = b.feet[foot].phases[phase].start;
+                let groups = wider.as_ref().filter(|(until, _)| start < *until).map_or(&usual, |(_, wider)| wider);
                 let of_group = |slabs| {
                     let (leg, uses) = reach_leg(b, foot, slabs, phase, offset);
                     b.reach_leg(leg, uses)
@@ -138,8 +142,6 @@ fn reach_leg<T: Real>(b: &Builder<T>, foot: usize, slabs: &[Slab; reach::ROWS], 
         (after.index, [before.block, after.block, blocks.heights[phase / 2]].map(Use::Touches))
     };
     let nominal = b.task.robot.nominal_feet[foot];
-    let early = b.settings.stretch.filter(|stretch| blocks.phases[phase].start < stretch.until);
-    let slabs = slabs.map(|slab| early.map_or(slab, |stretch| slab.stretched(stretch.factors)));
     let half_width = |slab: Slab| {
         let half = (slab.sides[1] - slab.sides[0]) / 2.;
         half - (slab.normal[2].abs() * b.settings.reach_margin).min(half / 2.)

@@ -69,8 +69,10 @@ fn builder<'a, T: Real>(task: &'a Task, schedule: &AlignedSchedule, settings: &'
 mod tests {
     use super::*;
     use crate::gait::family::{PeriodicGait, families};
+    use crate::robot::Reach;
     use crate::scenario::SCENARIOS;
     use crate::settings::Stretch;
+    use std::sync::Arc;
 
     #[test]
     fn curves_without_a_layout_equal_those_of_the_layout() {
@@ -99,7 +101,9 @@ mod tests {
         };
         let (usual, factors) = (legs_of(None), [2., 1.5, 1.2]);
         let ratios = |until: f64| {
-            let wider = legs_of(Some(Stretch { factors, until }));
+            let wider = |foot| task.robot.reach.foot(foot).with_sides(|slab| slab.stretched(factors).sides);
+            let reach = Arc::new(Reach::PerFoot((0..task.robot.feet()).map(wider).collect()));
+            let wider = legs_of(Some(Stretch { reach, until }));
             usual.iter().zip(&wider).map(|(a, b)| [0, 1, 2].map(|i| b.half_widths[i] / a.half_widths[i])).collect::<Vec<_>>()
         };
         let is = |ratio: &[f64; 3], factors: [f64; 3]| ratio.iter().zip(factors).all(|(a, b)| (a - b).abs() < 1e-12);

@@ -49,6 +49,7 @@
 mod alternatives;
 mod candidates;
 mod cycle;
+mod reach;
 mod solve;
 mod touched;
 mod warm;
@@ -74,6 +75,7 @@ use alternatives::Alternatives;
 use candidates::{Candidate, descent};
 use serde::{Deserialize, Serialize};
 use solve::{Choice, Solved, Updating};
+use std::f64::consts::TAU;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use touched::{APART, Touched};
@@ -91,22 +93,16 @@ const FALLING: f64 = 0.5;
 const LANDING_SHARE: f64 = 0.8;
 const SHORTEST_LANDING: f64 = 0.01;
 const LONGEST_LANDING: f64 = 0.3;
+/// Horizon by default, s, and that on soles: with 0.8 s, Unitree's G1 at 0.3 m/s changes between walking and standing in each step.
+const HORIZON: f64 = 0.8;
+const HORIZON_ON_SOLES: f64 = 1.2;
 /// Longest time between the knots of the base by default, s.
 const LONGEST_INTERVAL: f64 = 0.1;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
 /// Rise of the cost of the gait in force, as a factor, above which all families are tried.
 const COST_RISE: f64 = 1.5;
-/// Distance from the side of its reach box within which a foot gets a wider box, base heights, and time for which a foot may go on moving
-/// outwards, s; and by how much a box is widened at most, base heights: a robot that has fallen has no plan.
-const REACH_SLACK: f64 = 0.04;
-const OUTWARD: f64 = 0.1;
-const WIDENED: f64 = 0.25;
-
-/// Wider limits for states from which no candidate holds: factors of the reach along x, y and z, and of the speed and acceleration of feet.
-/// A reach box is the largest of which a leg attains all corners, so that the leg attains more in the middle of its sides. Go1 at 0.5 m/s
-/// survives six of six pushes of 1.7 N s/kg with them, and one without.
-const STRETCH: [f64; 3] = [2., 2., 1.3];
+/// Factor of the speed and acceleration of feet in states from which no candidate holds.
 const HURRY: f64 = 2.;
 /// Time in which steps may begin that have the wider reach, [`time_scale`]s. Without a limit, Go1 kept it for 18 s after a push.
 const STRETCHED_FOR: f64 = 5.;
@@ -115,8 +111,9 @@ const STRETCHED_FOR: f64 = 5.;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PlannerSettings {
-    /// Horizon, s. Too short: the robot cannot catch itself. Too long: updates are slow.
-    pub horizon: f64,
+    /// Horizon, s; by default 0.8 s, and 1.2 s on soles, which step more slowly. Too short: the robot cannot catch itself. Too long: updates
+    /// are slow.
+    pub horizon: Option<f64>,
     /// Time between the knots of the base, s. By default twice that of [`interval`], at most 0.1 s. Too short: updates are slow. Too long:
     /// motions are inexact.
     pub interval: Option<f64>,
@@ -155,7 +152,7 @@ pub struct PlannerSettings {
 impl Default for PlannerSettings {
     fn default() -> Self {
         PlannerSettings {
-            horizon: 0.8,
+            horizon: None,
             interval: None,
             force_pieces: 3,
             candidates: 16,
@@ -181,7 +178,9 @@ impl PlannerSettings {
     /// # Errors
     /// [`Error::Invalid`] names the first field that is out of its limits.
     pub fn validate(&self) -> Result<()> {
-        check_range("planner.horizon", self.horizon, 0.2, 10.)?;
+        if let Some(horizon) = self.horizon {
+            check_range("planner.horizon", horizon, 0.2, 10.)?;
+        }
         if let Some(interval) = self.interval {
             check_range("planner.interval", interval, 0.01, 0.2)?;
         }
@@ -213,6 +212,9 @@ pub struct FootState {
     pub velocity: [f64; 3],
     /// True if the foot is loaded.
     pub contact: bool,
+    /// Yaw of a sole, world frame, rad. Without effect for a ball or point.
+    #[serde(default)]
+    pub yaw: f64,
 }
 
 /// Measured state of a robot.
@@ -228,8 +230,11 @@ pub struct RobotState {
 impl RobotState {
     /// A robot that stands still on its nominal footholds.
     pub fn standing(task: &Task) -> RobotState {
-        let foot = |&[x, y]: &[f64; 2]| FootState { position: [x, y, task.terrain.height(x, y)], velocity: [0.; 3], contact: true };
-        RobotState { base: task.start, feet: task.start_feet.iter().map(foot).collect() }
+        let foot = |(&[x, y], &yaw): (&[f64; 2], &f64)| {
+            let position = [x, y, task.terrain.height(x, y)];
+            FootState { position, velocity: [0.; 3], contact: true, yaw }
+        };
+        RobotState { base: task.start, feet: task.start_feet.iter().zip(&task.start_yaws).map(foot).collect() }
     }
 }
 
@@ -270,7 +275,7 @@ impl Plan {
         let base = BaseState { position: [x, y, z], angles: [roll, pitch, yaw], velocity: [vx, vy, vz], rates: [droll, dpitch, dyaw] };
         let foot = |foot: usize| {
             let [position, velocity] = at.foot(foot, 0.).map(Into::into);
-            FootState { position, velocity, contact: !planned_contact(self, foot, time).0.in_air }
+            FootState { position, velocity, contact: !planned_contact(self, foot, time).0.in_air, yaw: at.sole_yaw(foot, 0.) }
         };
         RobotState { base, feet: (0..self.contacts.len()).map(foot).collect() }
     }
@@ -298,6 +303,8 @@ pub struct Update {
 /// Chooses gaits online.
 pub struct Planner {
     robot: Arc<Robot>,
+    /// Wider reach, for states from which no candidate holds otherwise.
+    stretched: Reach,
     /// Terrain as it is known.
     map: Arc<Terrain>,
     /// Last contacts of the feet.
@@ -331,13 +338,10 @@ impl Planner {
     /// Creates a planner for a robot that stands, or is in any other state at the first update.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for settings out of range, a robot without gaits or with soles; the errors of [`Task::new`].
+    /// [`Error::Invalid`] for settings out of range or a robot without gaits; the errors of [`Task::new`].
     pub fn new(robot: impl Into<Arc<Robot>>, terrain: impl Into<Arc<Terrain>>, settings: PlannerSettings) -> Result<Planner> {
         settings.validate()?;
         let task = Task::new(robot, terrain, Goal::at(0., 0.))?;
-        if task.robot.sole.is_some() {
-            return Err(Error::invalid("robot.sole", "a sole", "none for planning online"));
-        }
         let names = settings.families.clone().unwrap_or_else(|| default_families(&task.robot));
         let families = names.into_iter().map(|family| Ok((family, offsets(family, &task.robot)?))).collect::<Result<Vec<_>>>()?;
         let cpu = Cpu::new(settings.threads)?;
@@ -363,6 +367,7 @@ impl Planner {
         let alternatives = Alternatives::new(families.iter().map(|(family, _)| *family));
         Ok(Planner {
             robot: task.robot.clone(),
+            stretched: reach::stretched(&task.robot),
             map: task.terrain.clone(),
             touched: Touched::new(task.robot.feet()),
             task,
@@ -455,14 +460,15 @@ impl Planner {
         }
         let stretches = best.is_none();
         if stretches {
-            self.task.robot = stretched(&self.task.robot);
+            self.task.robot = self.stretching();
+            let reach = Arc::new(self.task.robot.reach.clone());
             // Another gait is the last resort of a robot that is about to fall.
             let in_force = self.in_force();
             let (same, others): (Vec<_>, Vec<_>) = candidates.into_iter().partition(|c| in_force == Some(c.gait.family));
             // As planned before, the legs return to their usual reach at a certain time, otherwise later.
             let latest = start + STRETCHED_FOR * time_scale(&self.robot);
             for until in [self.stretched_until, latest].into_iter().filter(|until| *until > start) {
-                let stretch = Some(Stretch { factors: STRETCH, until: until - start });
+                let stretch = Some(Stretch { reach: reach.clone(), until: until - start });
                 let wider = TranscriptionSettings { stretch, ..self.hurried.clone() };
                 let mut again = |candidates| self.solve_again(candidates, &updating, &wider, &mut iterations, &mut count);
                 best = again(&same).or_else(|| again(&others));
@@ -512,6 +518,7 @@ impl Planner {
         }
         state.base.validate("state.base")?;
         for (foot, at) in state.feet.iter().enumerate() {
+            check_range(&format!("state.feet[{foot}].yaw"), at.yaw, -1e3, 1e3)?;
             for (what, values, limit) in [("position", at.position, 1100.), ("velocity", at.velocity, 100.)] {
                 for axis in 0..3 {
                     check_range(&format!("state.feet[{foot}].{what}[{axis}]"), values[axis], -limit, limit)?;
@@ -544,6 +551,7 @@ impl Planner {
                 position: moved(at.position, [place.into(), to_place.into()]),
                 velocity: moved(at.velocity, [velocity.into(), to_velocity.into()]),
                 contact: at.contact,
+                yaw: at.yaw + before.sole_yaw(foot, 0.) - before.sole_yaw(foot, -latency),
             }
         };
         RobotState { base, feet: state.feet.iter().enumerate().map(foot).collect() }
@@ -629,40 +637,6 @@ impl Planner {
         Command { velocity: [x, y], yaw_rate: turn }
     }
 
-    /// The robot, with wider reach boxes for feet that are at their side or beyond it. Otherwise no motion could start there.
-    fn reaching(&self, state: &RobotState) -> Arc<Robot> {
-        let (robot, base) = (&self.robot, &state.base);
-        let slack = REACH_SLACK * robot.base_height;
-        let mut widened = false;
-        let reaching = state.feet.iter().enumerate().map(|(foot, at)| {
-            let moved = |time: f64| std::array::from_fn(|i| at.position[i] + time * (at.velocity[i] - base.velocity[i]));
-            let mut soon = base.to_base(moved(OUTWARD));
-            let late = self.touched.missed[foot].then(|| {
-                let [x, y, _] = at.position;
-                base.to_base([x, y, self.task.terrain.height(x, y)])
-            });
-            if let Some(late) = late {
-                soon[2] = soon[2].min(late[2]);
-            }
-            let now = base.to_base(moved(0.));
-            robot.reach.foot(foot).with_sides(|slab| {
-                let [low, high] = slab.sides;
-                let nominal = slab.along(robot.nominal_feet[foot]);
-                let [now, soon] = [now, soon].map(|place| slab.along(place) - nominal);
-                // A foot that found no ground reaches for it.
-                let down = if late.is_some() { -slab.normal[2] } else { 0. };
-                let below = now < low + slack || down < 0. && soon < low + slack;
-                let above = now > high - slack || down > 0. && soon > high - slack;
-                widened |= below || above;
-                let most = WIDENED * robot.base_height;
-                let side = |side: f64, beyond: f64, is: bool| if is { beyond.clamp(side - most, side + most) } else { side };
-                [side(low, low.min(now.min(soon) - slack), below), side(high, high.max(now.max(soon) + slack), above)]
-            })
-        });
-        let reach = Reach::PerFoot(reaching.collect());
-        if widened { Arc::new(Robot { reach, ..(**robot).clone() }) } else { robot.clone() }
-    }
-
     /// The task from a state to where the command leads.
     fn task_of(&self, state: &RobotState, command: &Command) -> Result<Task> {
         let (base, horizon) = (&state.base, self.horizon());
@@ -672,7 +646,10 @@ impl Planner {
         });
         let feet = state.feet.iter().map(|foot| [foot.position[0], foot.position[1]]).collect();
         let (robot, terrain) = (self.reaching(state), self.task.terrain.clone());
-        let task = Task::of_states(robot, terrain, *base, Some(feet), *base)?.with_swings(swings.collect())?;
+        let mut task = Task::of_states(robot, terrain, *base, Some(feet), *base)?.with_swings(swings.collect())?;
+        // Within half a turn of the base.
+        let yaws = state.feet.iter().map(|foot| foot.yaw + ((base.yaw() - foot.yaw) / TAU).round() * TAU);
+        task.start_yaws = yaws.collect();
         // The velocity approaches the command exponentially, in the axes of the base, which turn.
         let [vx, vy] = command.velocity;
         let turn = command.yaw_rate * horizon;
@@ -695,7 +672,8 @@ impl Planner {
     /// Horizon in whole intervals, s.
     fn horizon(&self) -> f64 {
         let interval = interval(&self.transcription, &self.task.robot);
-        (self.settings.horizon / interval).round().max(2.) * interval
+        let default = if self.robot.sole.is_some() { HORIZON_ON_SOLES } else { HORIZON };
+        (self.settings.horizon.unwrap_or(default) / interval).round().max(2.) * interval
     }
 
     /// True if the gait in force became more expensive or cannot go on, or if the command changed.
@@ -706,13 +684,6 @@ impl Planner {
         let cost = steady.first().and_then(|s| s.as_ref()).map(|s| s.cost);
         *command != self.command || cost.is_none_or(|cost| cost > COST_RISE * plan.cost)
     }
-}
-
-/// A robot with a wider reach.
-fn stretched(robot: &Robot) -> Arc<Robot> {
-    let wider = |foot| robot.reach.foot(foot).with_sides(|slab| slab.stretched(STRETCH).sides);
-    let reach = Reach::PerFoot((0..robot.feet()).map(wider).collect());
-    Arc::new(Robot { reach, ..robot.clone() })
 }
 
 /// True if a foot in the air that bears load ends its swing.

@@ -2,6 +2,7 @@
 
 use crate::gait::Trajectory;
 use crate::gait::piece::{Piece, pieces};
+use crate::gait::trajectory::SoleYaws;
 use crate::nlp::Problem;
 use crate::real::Real;
 use crate::rows::table::NONE;
@@ -16,6 +17,8 @@ const RETURN: f64 = 0.3;
 pub(super) struct Before {
     base: [Vec<Piece>; 2],
     feet: Vec<[Vec<Piece>; 2]>,
+    /// Moment and yaw of each sole.
+    soles: Vec<Option<(Vec<Piece>, SoleYaws)>>,
     /// Time that has passed since its start, s.
     pub passed: f64,
     horizon: f64,
@@ -29,6 +32,7 @@ impl Before {
         Before {
             base: [&motion.base_lin, &motion.base_ang].map(pieces),
             feet: motion.ee.iter().map(|foot| [&foot.motion, &foot.force].map(pieces)).collect(),
+            soles: (0..motion.ee.len()).map(|foot| Some((pieces(motion.ee[foot].moment.as_ref()?), motion.sole_yaws(foot)?))).collect(),
             passed,
             horizon: motion.horizon,
             turns: 0.,
@@ -51,6 +55,11 @@ impl Before {
     /// Position and velocity of a foot, `time` s after now.
     pub fn foot(&self, foot: usize, time: f64) -> [Vector3<f64>; 2] {
         Piece::at(&self.feet[foot][0], self.passed + time)
+    }
+
+    /// Yaw of a sole, `time` s after now; 0 for a ball or point.
+    pub fn sole_yaw(&self, foot: usize, time: f64) -> f64 {
+        self.soles[foot].as_ref().map_or(0., |(_, yaws)| yaws.at(self.passed + time) + self.turns)
     }
 
     /// True if the motion lasts until `time` s after now.
@@ -92,18 +101,24 @@ impl Before {
                     let [place, _] = Piece::at(places, self.passed + middle);
                     let at = blocks.footholds[i / 2] as usize;
                     (x[at], x[at + 1]) = (place.x, place.y);
-                }
-                let nodes = &blocks.force_nodes[i / 2];
-                let piece = span.duration() / (nodes.len() - 1) as f64;
-                for (n, &node) in nodes.iter().enumerate().filter(|(_, node)| **node != NONE) {
-                    let t = span.start + piece * n as f64;
-                    if !stood(t) {
-                        continue;
+                    if let Some(&yaw) = blocks.yaws.get(i / 2) {
+                        x[yaw as usize] = self.sole_yaw(foot, middle);
                     }
-                    let [value, slope] = Piece::at(forces, self.passed + t);
-                    for d in 0..3 {
-                        x[node as usize + d] = value[d] / curves.force_unit;
-                        x[node as usize + 3 + d] = slope[d] * piece / curves.force_unit;
+                }
+                let moments = blocks.moment_nodes.get(i / 2).zip(self.soles[foot].as_ref());
+                let moments = moments.map(|(nodes, (moments, _))| (nodes, moments, curves.moment_unit));
+                for (nodes, of, unit) in [(&blocks.force_nodes[i / 2], forces, curves.force_unit)].into_iter().chain(moments) {
+                    let piece = span.duration() / (nodes.len() - 1) as f64;
+                    for (n, &node) in nodes.iter().enumerate().filter(|(_, node)| **node != NONE) {
+                        let t = span.start + piece * n as f64;
+                        if !stood(t) {
+                            continue;
+                        }
+                        let [value, slope] = Piece::at(of, self.passed + t);
+                        for d in 0..3 {
+                            x[node as usize + d] = value[d] / unit;
+                            x[node as usize + 3 + d] = slope[d] * piece / unit;
+                        }
                     }
                 }
             }

@@ -27,13 +27,15 @@ use std::sync::{Arc, Mutex};
 ///     Contact points of the feet, in the robot's order, world frame, m and m/s.
 /// contacts : list of bool
 ///     True for loaded feet.
+/// yaws : array, shape (feet,), optional
+///     Yaws of the soles, world frame, rad; by default that of the base. Without effect for feet without soles.
 #[pyclass(frozen, module = "cregopt")]
 pub struct RobotState(crate::planner::RobotState);
 
 #[pymethods]
 impl RobotState {
     #[new]
-    #[pyo3(signature = (position, rotation, velocity, angular_velocity, feet, feet_velocity, contacts))]
+    #[pyo3(signature = (position, rotation, velocity, angular_velocity, feet, feet_velocity, contacts, yaws = None))]
     fn new(
         position: [f64; 3],
         rotation: [[f64; 3]; 3],
@@ -42,14 +44,17 @@ impl RobotState {
         feet: Vec<[f64; 3]>,
         feet_velocity: Vec<[f64; 3]>,
         contacts: Vec<bool>,
+        yaws: Option<Vec<f64>>,
     ) -> PyResult<Self> {
-        if feet_velocity.len() != feet.len() || contacts.len() != feet.len() {
-            let value = format!("{} positions, {} velocities, {} contacts", feet.len(), feet_velocity.len(), contacts.len());
+        let base = BaseState::of_rotation(position, rotation, velocity, angular_velocity);
+        let yaws = yaws.unwrap_or_else(|| vec![base.yaw(); feet.len()]);
+        if [feet_velocity.len(), contacts.len(), yaws.len()] != [feet.len(); 3] {
+            let [velocities, loads, turns] = [feet_velocity.len(), contacts.len(), yaws.len()];
+            let value = format!("{} positions, {velocities} velocities, {loads} contacts, {turns} yaws", feet.len());
             return Err(raised(Error::invalid("feet", value, "one of each per foot")));
         }
-        let base = BaseState::of_rotation(position, rotation, velocity, angular_velocity);
-        let feet = feet.into_iter().zip(feet_velocity).zip(contacts);
-        let feet = feet.map(|((position, velocity), contact)| FootState { position, velocity, contact }).collect();
+        let feet = feet.into_iter().zip(feet_velocity).zip(contacts).zip(yaws);
+        let feet = feet.map(|(((position, velocity), contact), yaw)| FootState { position, velocity, contact, yaw }).collect();
         Ok(RobotState(crate::planner::RobotState { base, feet }))
     }
 }
@@ -147,9 +152,10 @@ pub struct Update {
 /// robot : Robot
 /// terrain : Terrain
 /// settings : dict, optional
-///     ``horizon`` (s, default 0.8), ``candidates`` (16), ``families`` (names; by default all of the robot), ``change_durations`` (True),
-///     ``iterations`` (20), ``optimise_iterations`` (4), ``hysteresis`` (0.05), ``spread`` (0.15), ``latency`` (s, 0), ``deadline``
-///     (s, by default none), ``reach_margin`` (base heights, 0.03), ``threads`` (0: one per processor), ``seed`` (1), ``cost`` (weights).
+///     ``horizon`` (s, default 0.8, on soles 1.2), ``candidates`` (16), ``families`` (names; by default all of the robot),
+///     ``change_durations`` (True), ``iterations`` (20), ``optimise_iterations`` (4), ``hysteresis`` (0.05), ``spread`` (0.15), ``latency``
+///     (s, 0), ``deadline`` (s, by default none), ``reach_margin`` (base heights, 0.03), ``threads`` (0: one per processor), ``seed`` (1),
+///     ``cost`` (weights).
 #[pyclass(frozen, module = "cregopt")]
 pub struct Planner(Mutex<crate::planner::Planner>);
 

@@ -16,7 +16,7 @@ const JITTER: f64 = 0.03;
 
 /// Settings with few candidates over a short horizon.
 fn settings() -> PlannerSettings {
-    PlannerSettings { horizon: 0.6, candidates: 5, families: Some(vec![GaitFamily::Trot]), threads: 1, ..PlannerSettings::default() }
+    PlannerSettings { horizon: Some(0.6), candidates: 5, families: Some(vec![GaitFamily::Trot]), threads: 1, ..PlannerSettings::default() }
 }
 
 /// A robot of the size of a dog: 12 kg, legs of 0.3 m.
@@ -117,6 +117,34 @@ fn robots_walk_at_the_commanded_velocity() {
         let same = second.iter().filter(|update| update.plan.gait.family == Some(family)).count();
         assert!(10 * same >= 9 * second.len() && held <= 5, "{name}: {same} updates chose the family, {held} kept the plan before");
     }
+}
+
+#[test]
+fn a_robot_on_soles_walks_and_turns() {
+    let command = Command { velocity: [0.2, 0.], yaw_rate: 0.3 };
+    let mut walk = Walk::new(
+        Robot::named("humanoid").unwrap(),
+        PlannerSettings { families: Some(vec![GaitFamily::Walk]), horizon: None, candidates: 16, ..settings() },
+    );
+    walk.walk(&command, 1.);
+    let (start, mut yaws, mut held) = (walk.state.base, Vec::new(), 0);
+    for _ in 0..(3. * RATE) as usize {
+        let before = walk.state.clone();
+        let update = walk.step(&command);
+        held += usize::from(!update.renewed);
+        // Soles turn in the air only, and stay near the yaw of the base.
+        for (foot, (before, after)) in before.feet.iter().zip(&walk.state.feet).enumerate() {
+            if before.contact && after.contact {
+                assert!((before.yaw - after.yaw).abs() < 1e-9, "foot {foot} turns on the ground at {} s", walk.now());
+            }
+        }
+        yaws.push(walk.state.feet.iter().map(|foot| foot.yaw).sum::<f64>() / 2. - walk.state.base.yaw());
+    }
+    let end = walk.state.base;
+    let (distance, turn) = ((end.position[0] - start.position[0]).hypot(end.position[1] - start.position[1]), end.yaw() - start.yaw());
+    let apart = yaws.iter().fold(0_f64, |most, yaw| most.max(yaw.abs()));
+    println!("{distance} m, {turn} rad, soles {apart} rad from the base, {held} updates kept the plan before");
+    assert!((distance - 0.6).abs() < 0.15 && (turn - 0.9).abs() < 0.25 && apart < 0.3 && held <= 5);
 }
 
 #[test]
@@ -371,7 +399,7 @@ fn errors_name_the_place_of_a_bad_input() {
     assert!(walk.step(&ahead(0.3)).renewed);
     type Setting = fn(&mut PlannerSettings);
     let settings_of: [(Setting, &str); 10] = [
-        (|s| s.horizon = 0.1, "planner.horizon"),
+        (|s| s.horizon = Some(0.1), "planner.horizon"),
         (|s| s.interval = Some(1.), "planner.interval"),
         (|s| s.force_pieces = 1, "planner.force_pieces"),
         (|s| s.candidates = 0, "planner.candidates"),

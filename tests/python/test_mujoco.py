@@ -516,8 +516,6 @@ def test_plans_for_other_feet_are_rejected(humanoid: pathlib.Path, tmp_path: pat
     del plan["robot"]["sole"]
     with pytest.raises(cregopt.Error, match="the feet of the plan are balls or points, those of the model human soles"):
         cregopt.mujoco.play(plan, humanoid)
-    with pytest.raises(cregopt.Error, match="the feet of the model human are soles, which cannot be driven"):
-        cregopt.mujoco.drive(humanoid, [((0.1, 0.0, 0.0), 0.5)])
     mixed = tmp_path / "mixed.xml"
     mixed.write_text(human().replace(BOX_FOOT, '<geom type="sphere" size="0.02" pos="0.03 0 -0.04" mass="0.4"/>', 1))
     with pytest.raises(cregopt.Error, match=r"some feet of the model mixed are soles, others are not: right_foot \(ball or point\), left_foot"):
@@ -550,6 +548,13 @@ def test_a_driven_robot_stays_upright_and_reports_it(model: pathlib.Path) -> Non
 def without_durations(report: cregopt.mujoco.DriveReport) -> dict[str, Any]:
     """Report without the values that depend on the speed of the machine."""
     return {key: value for key, value in report.to_dict().items() if key not in ("ms_median", "ms_99", "late")}
+
+
+def test_a_humanoid_is_driven_on_its_soles(humanoid: pathlib.Path) -> None:
+    commands = [((0.0, 0.0, 0.0), 0.5), ((0.2, 0.0, 0.2), 3.0)]
+    report = cregopt.mujoco.drive(humanoid, commands, pushes=[(2.0, (0.0, 60.0, 0.0), 0.1)])
+    assert report.upright and report.kept < 10, report
+    assert any(gait == "walk" for _, gait in report.gaits) and report.distance > 0.2
 
 
 def test_drives_with_noise_and_delay_are_reproducible(model: pathlib.Path) -> None:

@@ -192,6 +192,7 @@ class RobotState:
         feet: ArrayLike,
         feet_velocity: ArrayLike,
         contacts: ArrayLike,
+        yaws: Optional[ArrayLike] = None,
     ) -> RobotState: ...
 
 @final

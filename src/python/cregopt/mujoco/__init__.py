@@ -14,8 +14,8 @@ forces of the plan by whole-body inverse dynamics within the motors' torque limi
 ``export`` (on the command line ``python -m cregopt.mujoco dataset``) writes the motions of ``cregopt dataset`` as references of a model, in the files
 that mjlab and LocoMuJoCo read. ``play_dataset`` (with the option ``--play``) plays these motions.
 
-Legs with six joints stand on soles (humanoids), which cannot be driven yet. Their legs are heavy and their ankles weak: plans with faster swings
-than the default (the setting ``transcription.foot_acceleration``, 48 m/s² for Unitree's G1) can topple them.
+Legs with six joints stand on soles (humanoids). Their legs are heavy and their ankles weak: plans with faster swings than the default
+(the setting ``transcription.foot_acceleration``, 48 m/s² for Unitree's G1) can topple them.
 """
 
 from ._controller import Gains

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any, Optional, Sequence
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from .. import Error, Planner, Robot, RobotState, Terrain, Update
 from .. import Plan as Planned
 from . import _ground, _plan, _rotation, _video
-from ._controller import Controller, Gains
+from ._controller import ON_SOLES, Controller, Gains
 from ._engine import Floats
 from ._model import Machine, Path, State
 from ._play import LOADED, LOW, STEP, STEPS, Observer, Simulation, assign_feet, check, start_pose, window
@@ -110,7 +111,7 @@ def drive(
         Settings of ``cregopt.Planner``, except for ``latency``, which is the delay.
     gains : Gains, optional
         Gains and weights of the controller. Default: those of ``play`` without the displacement of footholds, which the planner chooses, and with
-        ``unknown`` of 0.3 s and ``seek`` of 0.3 m/s.
+        ``unknown`` of 0.3 s and ``seek`` of 0.3 m/s; on soles with a ``weight_attitude`` of 0.3.
     speed_limit, video, viewer
         As in ``play``.
 
@@ -143,8 +144,6 @@ def drive(
     check(speed_limit, friction, seed, video, viewer)
     _check_hidden(patches, load)
     machine = Machine(model, feet)
-    if machine.soled:
-        raise Error(f"the feet of the model {machine.name} are soles, which cannot be driven: name geoms or sites as feet (--feet)")
     robot = robot or robot_of(model, feet)
     if robot.feet != len(machine.feet):
         raise Error(f"the robot has {robot.feet} feet, the model {machine.name} {len(machine.feet)}: name them (--feet)")
@@ -170,7 +169,8 @@ def drive(
     if abs(robot.mass - machine.mass) > MASS_APART * machine.mass:
         report.notes.append(f"the planner's robot weighs {robot.mass:.4g} kg, the model {machine.mass:.4g} kg")
     planner = Planner(robot, terrain, {**(settings or {}), "latency": delay})
-    simulation = _Online(machine, planner, robot, terrain, ground or terrain, gains or GAINS, commands, pushes, patches, load, report)
+    gains = gains or (replace(GAINS, weight_attitude=ON_SOLES.weight_attitude) if machine.soled else GAINS)
+    simulation = _Online(machine, planner, robot, terrain, ground or terrain, gains, commands, pushes, patches, load, report)
     with ExitStack() as stack:
         observers: list[Observer] = []
         if video is not None:
@@ -335,7 +335,7 @@ class _Online(Simulation[DriveReport]):
         """State that the plan in force has at a time, s."""
         plan, k = self.plan, self.plan.index(time - self.start)
         base = plan.position[k], plan.rotation[k], plan.velocity[k], plan.angular_velocity[k]
-        return RobotState(*base, plan.feet[k], plan.feet_velocity[k], plan.stands(k))
+        return RobotState(*base, plan.feet[k], plan.feet_velocity[k], plan.stands(k), plan.yaws[k])
 
     def _measured(self, time: float, state: State, loads: Floats) -> RobotState:
         """State of the robot, with noise if there is any."""
@@ -349,7 +349,9 @@ class _Online(Simulation[DriveReport]):
             position, velocity, spin = position + of(0, NOISE[0], 3), velocity + of(0, NOISE[1], 3), spin + of(0, NOISE[3], 3)
             rotation = _rotation.of_vector(of(0, NOISE[2], 3)) @ rotation
             feet, speeds = feet + of(0, NOISE[0], feet.shape), speeds + of(0, NOISE[1], speeds.shape)
-        return RobotState(position, rotation, velocity, spin, feet, speeds, loads > LOADED * machine.mass * 9.80665 / len(loads))
+        contacts = loads > LOADED * machine.mass * 9.80665 / len(loads)
+        yaws = np.arctan2(state.soles[:, 1, 0], state.soles[:, 0, 0])
+        return RobotState(position, rotation, velocity, spin, feet, speeds, contacts, yaws)
 
     def _push(self, time: float) -> None:
         """Applies the pushes of a time."""
