@@ -36,6 +36,7 @@ pub struct RobotState(crate::planner::RobotState);
 impl RobotState {
     #[new]
     #[pyo3(signature = (position, rotation, velocity, angular_velocity, feet, feet_velocity, contacts, yaws = None))]
+    #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
     fn new(
         position: [f64; 3],
         rotation: [[f64; 3]; 3],
