@@ -72,6 +72,11 @@ pub struct FootCurves {
     pub yaws: Option<Vec<f64>>,
 }
 
+/// Part of the turn of a sole that is done at fraction `u` of its swing.
+pub(crate) fn turn_done(u: f64) -> f64 {
+    u * u * (3. - 2. * u)
+}
+
 /// Yaw of one sole over time.
 pub(crate) struct SoleYaws {
     /// Phase durations, s; stances are even.
@@ -83,17 +88,15 @@ pub(crate) struct SoleYaws {
 impl SoleYaws {
     /// Yaw at a time, rad.
     pub fn at(&self, time: f64) -> f64 {
-        let of = |stance: usize| self.yaws.get(stance).or(self.yaws.last()).copied().unwrap_or(0.);
         let mut start = 0.;
         for (phase, &duration) in self.durations.iter().enumerate() {
             if time < start + duration {
-                let (from, to) = (of(phase / 2), of(phase.div_ceil(2)));
-                let u = ((time - start) / duration).max(0.);
-                return from + (to - from) * u * u * (3. - 2. * u);
+                let (from, to) = (self.yaws[phase / 2], self.yaws[phase.div_ceil(2)]);
+                return from + (to - from) * turn_done(((time - start) / duration).max(0.));
             }
             start += duration;
         }
-        of(self.yaws.len())
+        self.yaws.last().copied().unwrap_or(0.)
     }
 }
 

@@ -42,7 +42,7 @@ pub(super) fn stretched(robot: &Robot) -> Reach {
 }
 
 impl Planner {
-    /// The robot of the task with the wider reach as well. Feet that were given more reach below get still more of it.
+    /// The robot of the task with the wider reach as well. Along z its own reach, which may already be wider for a foot, is stretched, too.
     pub(super) fn stretching(&self) -> Arc<Robot> {
         let robot = &self.task.robot;
         let reach = (0..robot.feet()).map(|foot| {

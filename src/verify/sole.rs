@@ -8,6 +8,7 @@
 use super::bernstein::{Control, depth_bound, halves, position};
 use super::curves::{Extreme, FootMotion, Motion, SAME_TIME, TimedCurve};
 use super::exact::foot_speed;
+use crate::gait::trajectory::turn_done;
 use crate::robot::Sole;
 use crate::terrain::Terrain;
 use nalgebra::{Vector2, Vector3};
@@ -58,8 +59,7 @@ pub(crate) fn posture(curves: &FootMotion, terrain: &Terrain, time: f64) -> Post
         return Posture { centre, axes: axes(slope, yaw) };
     }
     let [start, end] = curves.phase_bounds(phase);
-    let u = ((time - start) / (end - start)).clamp(0., 1.);
-    let blend = u * u * (3. - 2. * u);
+    let blend = turn_done(((time - start) / (end - start)).clamp(0., 1.));
     let ((yaw, level), (next_yaw, next_level)) = (of(phase / 2), of(phase / 2 + 1));
     Posture { centre, axes: axes(level + (next_level - level) * blend, yaw + (next_yaw - yaw) * blend) }
 }
