@@ -111,7 +111,7 @@
 //! | `experiment` | the experiments of the paper |
 //! | `view` | results as a page for a browser |
 //! | `import` | maps and meshes as terrains |
-//! | `urdf` | robots from URDF files |
+//! | `urdf` | robots from URDF and MJCF files |
 //! | `mcap` | motions for robotics viewers and ROS 2; grid maps |
 //! | `schema` | JSON Schemas of the files |
 //! | `pictures` | PNG in addition to SVG |

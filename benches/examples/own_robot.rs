@@ -6,7 +6,7 @@ use cregopt::{Cpu, Goal, Search, Task, Terrain};
 use std::path::Path;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let imported = Import::default().urdf_file(Path::new("tests/data/quadruped.urdf"))?;
+    let imported = Import::default().file(Path::new("tests/data/quadruped.urdf"))?;
     for note in &imported.notes {
         println!("note: {note}");
     }

@@ -1,4 +1,4 @@
-//! `robot`: imports robots from URDF files, and computes joints along motions.
+//! `robot`: imports robots from URDF and MJCF files, and computes joints along motions.
 
 use super::{Failure, Verdict, print, print_about, to_json};
 use crate::app::named;
@@ -15,9 +15,9 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Subcommand)]
 pub enum Robot {
-    /// Convert a URDF to a robot file: mass, inertia, feet, reach and forces in one configuration of its joints
+    /// Convert a URDF or MJCF file to a robot file: mass, inertia, feet, reach and forces in one configuration of its joints
     #[cfg(feature = "urdf")]
-    Import(ImportUrdf),
+    Import(ImportFile),
     /// Compute the joints of an imported robot along a motion: positions, velocities, torques, and use of their limits
     Joints(Joints),
 }
@@ -34,14 +34,14 @@ impl Robot {
 
 #[cfg(feature = "urdf")]
 #[derive(Debug, Args)]
-pub struct ImportUrdf {
-    /// URDF file; meshes are not needed
+pub struct ImportFile {
+    /// URDF file, or MJCF file of MuJoCo; meshes are not needed
     file: PathBuf,
-    /// Links of the feet [default: those on the ground in the configuration]
+    /// Links (bodies) of the feet [default: those on the ground in the configuration]
     #[arg(long, value_name = "LINK,...", value_delimiter = ',')]
     feet: Vec<String>,
     /// Joint values in which the robot stands, rad or m. Other joints are at zero, or in the middle of their limits if zero is outside.
-    /// Without values, the legs are bent so that the robot stands
+    /// Without values, the robot stands as in the keyframe of an MJCF file, or on bent legs
     #[arg(long, value_name = "JOINT=VALUE,...", allow_hyphen_values = true)]
     configuration: Vec<String>,
     /// Soles of the feet: `auto` (flat lower sides of collision shapes, if the legs have six joints), `none` (points or balls), or length and
@@ -57,7 +57,7 @@ pub struct ImportUrdf {
 }
 
 #[cfg(feature = "urdf")]
-impl ImportUrdf {
+impl ImportFile {
     fn run(&self) -> std::result::Result<Verdict, Failure> {
         let import = Import {
             feet: self.feet.iter().map(|name| name.trim().to_owned()).collect(),
@@ -66,7 +66,7 @@ impl ImportUrdf {
             soles: self.sole,
         };
         self.out.as_deref().map_or(Ok(()), files::check_writable)?;
-        let imported = import.urdf_file(&self.file)?;
+        let imported = import.file(&self.file)?;
         match &self.out {
             Some(out) => {
                 files::write(out, &imported.robot.file_text(out)?)?;

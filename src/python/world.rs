@@ -93,29 +93,30 @@ impl Robot {
         name: Option<String>,
         sole: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let soles = match sole {
-            None => Soles::Found,
-            Some(sole) => match sole.extract::<[f64; 2]>() {
-                Ok(size) => Soles::Size(size),
-                Err(_) => sole.extract::<String>()?.parse().raise()?,
-            },
-        };
-        let pairs = configuration.map(|given| given.iter().map(|(joint, value)| Ok((joint.extract()?, value.extract()?))).collect());
-        let configuration = pairs.transpose().map_err(|_: PyErr| {
-            let shown = configuration.and_then(|given| given.repr().ok()).map_or_else(String::new, |text| text.to_string());
-            raised(Error::invalid("configuration", shown, "values of joints by their names, in rad or m"))
-        })?;
-        let import = Import { feet: feet.unwrap_or_default(), configuration: configuration.unwrap_or_default(), name, soles };
-        let text = source.extract::<String>().ok().filter(|text| text.trim_start_matches('\u{feff}').trim_start().starts_with('<'));
-        let imported = match text {
-            Some(text) => py.detach(|| import.urdf(text.trim_start_matches('\u{feff}'))),
-            None => {
-                let path: PathBuf = source.extract()?;
-                py.detach(|| import.urdf_file(&path))
-            }
-        };
-        let imported = imported.raise()?;
-        Ok(Robot { robot: Arc::new(imported.robot.clone()), import: Some(Box::new(imported)) })
+        imported(py, source, options(feet, configuration, name, sole)?, Import::urdf)
+    }
+
+    /// Imports a robot from an MJCF file, the format of MuJoCo, as ``cregopt robot import`` does, without MuJoCo.
+    ///
+    /// As ``from_urdf``: links are bodies. Joints have no speed limits; their torques are those of the motors. Without a configuration the
+    /// robot stands as in the keyframe ``home``, or else the first one; without a keyframe, and on soles, on bent legs. Only a file may
+    /// include other files.
+    ///
+    /// Raises
+    /// ------
+    /// Error
+    ///     As ``from_urdf``; also for a body whose mass is only in a mesh.
+    #[staticmethod]
+    #[pyo3(signature = (source, feet = None, configuration = None, name = None, sole = None))]
+    fn from_mjcf(
+        py: Python<'_>,
+        source: &Bound<'_, PyAny>,
+        feet: Option<Vec<String>>,
+        configuration: Option<&Bound<'_, PyDict>>,
+        name: Option<String>,
+        sole: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        imported(py, source, options(feet, configuration, name, sole)?, Import::mjcf)
     }
 
     /// Makes a robot from a dictionary with the keys of a robot file.
@@ -145,7 +146,7 @@ impl Robot {
         self.robot.file_text(&path).and_then(|text| files::write(&path, &text)).raise()
     }
 
-    /// Further results of the import from a URDF; None for other robots.
+    /// Further results of the import; None for other robots.
     ///
     /// Keys: ``center_of_mass`` (x, y, z in the root link, m), ``feet`` (for each the name of its ``link`` and ``frame``, the origin of
     /// that link relative to the centre of mass, m), ``foot_speed`` (speed that every foot reaches along x and y at the limits of its
@@ -542,4 +543,46 @@ fn waypoint(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Waypoint> {
     }
     let ([x, y], z) = place(value, name)?;
     Ok(Waypoint { goal: Goal { z, ..Goal::at(x, y) }, turns_evenly: true })
+}
+
+/// Options of an import from Python arguments.
+fn options(
+    feet: Option<Vec<String>>,
+    configuration: Option<&Bound<'_, PyDict>>,
+    name: Option<String>,
+    sole: Option<&Bound<'_, PyAny>>,
+) -> PyResult<Import> {
+    let soles = match sole {
+        None => Soles::Found,
+        Some(sole) => match sole.extract::<[f64; 2]>() {
+            Ok(size) => Soles::Size(size),
+            Err(_) => sole.extract::<String>()?.parse().raise()?,
+        },
+    };
+    let pairs = configuration.map(|given| given.iter().map(|(joint, value)| Ok((joint.extract()?, value.extract()?))).collect());
+    let configuration = pairs.transpose().map_err(|_: PyErr| {
+        let shown = configuration.and_then(|given| given.repr().ok()).map_or_else(String::new, |text| text.to_string());
+        raised(Error::invalid("configuration", shown, "values of joints by their names, in rad or m"))
+    })?;
+    Ok(Import { feet: feet.unwrap_or_default(), configuration: configuration.unwrap_or_default(), name, soles })
+}
+
+/// Imports a robot from a text, which begins with `<`, or from a file.
+fn imported(
+    py: Python<'_>,
+    source: &Bound<'_, PyAny>,
+    import: Import,
+    of_text: fn(&Import, &str) -> crate::error::Result<Imported>,
+) -> PyResult<Robot> {
+    let text = source.extract::<String>().ok();
+    let text = text.as_deref().map(|text| text.trim_start_matches('\u{feff}')).filter(|text| text.trim_start().starts_with('<'));
+    let imported = match text {
+        Some(text) => py.detach(|| of_text(&import, text)),
+        None => {
+            let path: PathBuf = source.extract()?;
+            py.detach(|| import.file(&path))
+        }
+    };
+    let imported = imported.raise()?;
+    Ok(Robot { robot: Arc::new(imported.robot.clone()), import: Some(Box::new(imported)) })
 }

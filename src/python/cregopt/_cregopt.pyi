@@ -33,6 +33,14 @@ class Robot:
         sole: Optional[Union[str, tuple[float, float]]] = None,
     ) -> Robot: ...
     @staticmethod
+    def from_mjcf(
+        source: _Path,
+        feet: Optional[Sequence[str]] = None,
+        configuration: Optional[dict[str, float]] = None,
+        name: Optional[str] = None,
+        sole: Optional[Union[str, tuple[float, float]]] = None,
+    ) -> Robot: ...
+    @staticmethod
     def from_dict(description: dict[str, Any]) -> Robot: ...
     @staticmethod
     def _again(description: dict[str, Any]) -> Robot: ...

@@ -1,6 +1,6 @@
 //! Mass, centre of mass and inertia of all links together.
 
-use super::urdf::Inertial;
+use super::model::Inertial;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// Mass properties of a rigid body.

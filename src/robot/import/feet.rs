@@ -1,7 +1,7 @@
 //! Feet of an imported robot: their links, contact points, and the legs that move them.
 
+use super::model::{Collision, Motion, Shape};
 use super::tree::Tree;
-use super::urdf::{Collision, Motion, Shape};
 use crate::error::{Error, Result};
 use crate::robot::MAX_FEET;
 use crate::robot::leg::{Leg, LegJoint, MAX_JOINTS};

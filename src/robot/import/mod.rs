@@ -1,4 +1,4 @@
-//! Robots from URDF files: mass, inertia, feet, reach and forces of a [`Robot`], computed from links and joints.
+//! Robots from URDF and MJCF files: mass, inertia, feet, reach and forces of a [`Robot`], computed from links and joints.
 //!
 //! All numbers hold in one configuration of the joints, in which the links form one rigid body. The base frame of the robot has the axes of
 //! the root link and its origin in the centre of mass.
@@ -6,16 +6,22 @@
 mod body;
 mod faces;
 mod feet;
+mod mjcf;
+#[cfg(test)]
+mod mjcf_tests;
+mod model;
 mod reach;
 mod soles;
+mod solid;
 mod stance;
 #[cfg(test)]
 mod tests;
 mod tree;
 mod upright;
-pub mod urdf;
+mod urdf;
+mod xml;
 
-pub use urdf::MAX_URDF;
+pub use xml::MAX_FILE;
 
 use super::leg::{Leg, SOLE_JOINTS};
 use super::{FORCE_LIMIT_WEIGHTS, FootReach, MAX_FEET, Reach, Robot, Sole};
@@ -23,12 +29,13 @@ use crate::error::{Error, Result, check_range};
 use crate::files;
 use body::Body;
 use feet::Contact;
+use model::{Inertial, Model, Motion};
 use nalgebra::{Isometry3, Vector3};
 use soles::FootSole;
 use std::path::Path;
 use tree::Tree;
 
-/// Options of an import: information that a URDF file does not contain.
+/// Options of an import: information that the file of a robot does not contain.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Import {
     /// Links of the feet. If empty, the links that are on the ground in the configuration.
@@ -147,14 +154,41 @@ impl Import {
     /// # Errors
     /// [`Error::Format`] for text that is not XML, [`Error::Invalid`] for a model that is not a legged robot. Each names the place.
     pub fn urdf(&self, text: &str) -> Result<Imported> {
-        let model = urdf::parse(text)?;
-        let tree = Tree::new(&model)?;
-        let values = tree.configuration(&self.configuration)?;
+        self.model(&urdf::parse(text)?)
+    }
+
+    /// Computes a robot from the text of an MJCF file, as from a URDF. The text includes no other files.
+    ///
+    /// * links: the bodies of the tree with the most joints; joints have no speed limits, and their efforts are those of their motors
+    /// * stance without a given configuration: the keyframe `home`, or else the first one. Robots on soles take the posture of their arms and
+    ///   trunk from it, and stand on bent knees
+    ///
+    /// # Errors
+    /// As [`Import::urdf`]; also for bodies whose mass is only in a mesh.
+    pub fn mjcf(&self, text: &str) -> Result<Imported> {
+        self.model(&mjcf::parse(text, None)?)
+    }
+
+    /// Computes a robot from a URDF or MJCF file. MJCF files may include others.
+    ///
+    /// # Errors
+    /// As [`Import::urdf`] and [`Import::mjcf`], with the file's name; also for a file that cannot be read or is larger than [`MAX_FILE`].
+    pub fn file(&self, path: &Path) -> Result<Imported> {
+        let text = files::read_at_most(path, MAX_FILE as u64)?;
+        let model = if xml::is(&text, "mujoco") { mjcf::parse(&text, path.parent()) } else { urdf::parse(&text) };
+        model.and_then(|model| self.model(&model)).map_err(|e| e.in_file(path, None))
+    }
+
+    /// Computes a robot from links and joints.
+    fn model(&self, model: &Model) -> Result<Imported> {
+        let tree = Tree::new(model)?;
+        let kept = model.stance.iter().filter(|(joint, _)| !self.configuration.iter().any(|(other, _)| other == joint));
+        let values = tree.configuration(&kept.chain(&self.configuration).cloned().collect::<Vec<_>>())?;
         self.check_mass(&tree, &values)?;
         let mut unsoled = Vec::new();
         let posed = match self.on_soles(&tree, &values, &mut unsoled)? {
             Some(posed) => posed,
-            None => self.on_points(&tree, values)?,
+            None => self.on_given_points(&tree, values)?,
         };
         let Posed { values, frames, body, contacts, legs, reach, sole, notes: mut posed_notes } = posed;
         let center = body.center;
@@ -187,13 +221,14 @@ impl Import {
         posed_notes.append(&mut unsoled);
         posed_notes.append(&mut notes);
         let mut notes = posed_notes;
+        notes.extend(model.notes.iter().cloned());
         if let Some(what) = robot.differs_from_named().filter(|_| self.name.is_none()) {
             let own = format!("{}-imported", robot.name);
             notes.push(format!("the built-in robot `{}` has another {what}; this one is called `{own}`", robot.name));
             robot.name = own;
         }
         robot.validate_own()?;
-        let moving = model.joints.iter().zip(&values).filter(|(joint, _)| joint.motion != urdf::Motion::Fixed);
+        let moving = model.joints.iter().zip(&values).filter(|(joint, _)| joint.motion != Motion::Fixed);
         Ok(Imported {
             feet: contacts.iter().map(|contact| foot(&tree, &frames[contact.link].translation.vector, contact, &center)).collect(),
             foot_speed: slowest.filter(|speed| speed.is_finite()),
@@ -202,15 +237,6 @@ impl Import {
             notes,
             robot,
         })
-    }
-
-    /// Computes a robot from a URDF file.
-    ///
-    /// # Errors
-    /// See [`Import::urdf`], with the file's name; also for a file that cannot be read or is larger than [`MAX_URDF`].
-    pub fn urdf_file(&self, path: &Path) -> Result<Imported> {
-        let text = files::read_at_most(path, MAX_URDF as u64)?;
-        self.urdf(&text).map_err(|e| e.in_file(path, None))
     }
 
     /// Checks that the links have a mass.
@@ -290,14 +316,35 @@ impl Import {
         Ok(Some(posed))
     }
 
-    /// Pose on points or balls. Without a given configuration the robot stands on bent legs if it can.
-    fn on_points(&self, tree: &Tree, mut values: Vec<f64>) -> Result<Posed> {
+    /// Pose on points or balls in the given configuration, in that of the file, or else on bent legs. The pose of the file must have as many
+    /// feet on the ground as bent legs.
+    ///
+    /// * `values` - values of all joints as given or in the file, rad or m
+    fn on_given_points(&self, tree: &Tree, values: Vec<f64>) -> Result<Posed> {
+        if !self.configuration.is_empty() {
+            return self.on_points(tree, values, false);
+        }
+        let bent = self.on_points(tree, tree.configuration(&[])?, true);
+        let stance = (!tree.model.stance.is_empty()).then(|| self.on_points(tree, values, false)).and_then(Result::ok);
+        match stance.filter(|stance| bent.as_ref().map_or(0, |bent| bent.contacts.len()) <= stance.contacts.len()) {
+            Some(mut posed) => {
+                posed.notes.push("no configuration was given: the robot stands as in the keyframe of its file".into());
+                Ok(posed)
+            }
+            None => bent,
+        }
+    }
+
+    /// Pose on points or balls.
+    ///
+    /// * `bent` - bends the legs so that the robot stands, if it can
+    fn on_points(&self, tree: &Tree, mut values: Vec<f64>, bent: bool) -> Result<Posed> {
         let contacts = |frames: &[Isometry3<f64>], body: &Body| {
             let links = self.links(tree, frames, &body.center)?;
             Ok(links.iter().map(|&link| feet::contact(tree, frames, link)).collect())
         };
         let mut notes = Vec::new();
-        if self.configuration.is_empty() {
+        if bent {
             // Errors in the legs are reported below.
             let legs = Posed::new(tree, values.clone(), contacts).map(|posed| posed.legs);
             if let Some((legs, standing)) = legs.ok().and_then(|legs| stance::standing(&legs).map(|q| (legs, q))) {
@@ -385,7 +432,7 @@ fn foot(tree: &Tree, frame: &Vector3<f64>, contact: &Contact, center: &Vector3<f
 
 /// Point mass at the foot with the same moment of inertia about the leg's first joint as the links (taken as points), kg. At most the mass
 /// of the leg.
-fn leg_mass<'a>(leg: &Leg, links: impl Iterator<Item = (&'a nalgebra::Isometry3<f64>, &'a urdf::Inertial)>, center: &Vector3<f64>) -> f64 {
+fn leg_mass<'a>(leg: &Leg, links: impl Iterator<Item = (&'a nalgebra::Isometry3<f64>, &'a Inertial)>, center: &Vector3<f64>) -> f64 {
     let at = leg.posture(&leg.nominal());
     let length = (at.tip - at.anchors[0]).norm();
     let (mut moment, mut mass) = (0., 0.);

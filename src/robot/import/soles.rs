@@ -1,7 +1,7 @@
 //! Flat soles of feet: rectangles on the lower side of the collision shapes of a foot.
 
+use super::model::{Motion, Shape};
 use super::tree::Tree;
-use super::urdf::{Motion, Shape};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use std::f64::consts::{FRAC_PI_6, TAU};
 

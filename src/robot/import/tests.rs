@@ -407,8 +407,8 @@ fn deep_and_long_files_do_not_exhaust_the_stack() {
     );
     let error = Import { feet: vec!["l19999".into()], ..Import::default() }.urdf(&chain).unwrap_err().to_string();
     assert!(error.contains("19999 joints") && error.contains("at most"), "{error}");
-    let long = " ".repeat(MAX_URDF + 1);
-    assert!(import(&long).unwrap_err().to_string().contains("size of the URDF"));
+    let long = " ".repeat(MAX_FILE + 1);
+    assert!(import(&long).unwrap_err().to_string().contains("size of a URDF"));
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Kinematic tree of a model, and the frames of its links in a configuration.
 
-use super::urdf::{Joint, Model, Motion};
+use super::model::{Joint, Model, Motion};
 use crate::error::{Error, Result};
 use crate::robot::leg::joint_motion;
 use nalgebra::Isometry3;

@@ -1,221 +1,22 @@
 //! Masses, joints and collision shapes of a URDF file. Visuals, meshes and plugins are not read.
 
+use super::model::{Collision, Inertial, Joint, Link, Mimic, Model, Motion, Shape};
+use super::xml::{document, element, elements, name, number, numbers, place, required, scalar, shortened, size, text};
 use crate::error::{Error, Result};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
-use roxmltree::{Document, Node, ParsingOptions};
-
-/// Largest file, bytes.
-pub const MAX_URDF: usize = 64 << 20;
-/// Largest number of elements, texts and comments in a file.
-const MAX_NODES: u32 = 4_000_000;
-/// Largest absolute value of a number in a file, in its unit.
-const LARGEST: f64 = 1e9;
-
-/// Links and joints in file order. Their connections are not checked.
-#[derive(Debug, Clone)]
-pub struct Model {
-    /// Name of the robot.
-    pub name: String,
-    /// Links.
-    pub links: Vec<Link>,
-    /// Joints.
-    pub joints: Vec<Joint>,
-}
-
-/// A rigid body.
-#[derive(Debug, Clone)]
-pub struct Link {
-    /// Name, unique among links.
-    pub name: String,
-    /// Mass and inertia, if it has any.
-    pub inertial: Option<Inertial>,
-    /// Collision shapes without meshes.
-    pub collisions: Vec<Collision>,
-}
-
-/// Mass and inertia of a link.
-#[derive(Debug, Clone, Copy)]
-pub struct Inertial {
-    /// Centre of mass and axes of the inertia tensor, in the frame of the link.
-    pub origin: Isometry3<f64>,
-    /// Mass, kg.
-    pub mass: f64,
-    /// Inertia tensor about the centre of mass in the axes of `origin`, kg m².
-    pub inertia: Matrix3<f64>,
-}
-
-/// A collision shape.
-#[derive(Debug, Clone, Copy)]
-pub struct Collision {
-    /// Pose of the shape's centre in the frame of the link.
-    pub origin: Isometry3<f64>,
-    /// Shape.
-    pub shape: Shape,
-}
-
-/// A primitive shape about its centre. Cylinders and capsules are along z. Lengths in m.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shape {
-    /// Radius.
-    Sphere(f64),
-    /// Full side lengths.
-    Box([f64; 3]),
-    /// Radius and length.
-    Cylinder(f64, f64),
-    /// Radius, and length without the caps.
-    Capsule(f64, f64),
-}
-
-/// Kind of motion of a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Motion {
-    /// Fixed. Floating and planar joints place the robot in the world, so they are also held at zero.
-    Fixed,
-    /// Rotation about the axis.
-    Revolute,
-    /// Translation along the axis.
-    Prismatic,
-}
-
-/// A joint between two links.
-#[derive(Debug, Clone)]
-pub struct Joint {
-    /// Name, unique among joints.
-    pub name: String,
-    /// Kind of motion.
-    pub motion: Motion,
-    /// Parent link.
-    pub parent: String,
-    /// Child link, which the joint moves.
-    pub child: String,
-    /// Frame of the child at joint value zero, in the frame of the parent.
-    pub origin: Isometry3<f64>,
-    /// Axis in the frame of the child.
-    pub axis: Unit<Vector3<f64>>,
-    /// Lower and upper limit, rad or m; infinite if there is no limit.
-    pub limits: [f64; 2],
-    /// Largest speed, rad/s or m/s, if given.
-    pub velocity: Option<f64>,
-    /// Largest torque or force, N m or N, if given.
-    pub effort: Option<f64>,
-    /// Joint that it follows: `multiplier * value + offset`.
-    pub mimic: Option<Mimic>,
-}
-
-/// Dependence of a joint on another one.
-#[derive(Debug, Clone)]
-pub struct Mimic {
-    /// Name of the other joint.
-    pub joint: String,
-    /// Factor.
-    pub multiplier: f64,
-    /// Offset, rad or m.
-    pub offset: f64,
-}
+use roxmltree::Node;
 
 /// Parses the text of a URDF file.
 ///
 /// # Errors
 /// [`Error::Format`] for text that is not XML; [`Error::Invalid`] names the line, the element and the invalid value.
 pub fn parse(text: &str) -> Result<Model> {
-    if text.len() > MAX_URDF {
-        return Err(Error::invalid("size of the URDF", format!("{} bytes", text.len()), format!("at most {MAX_URDF} bytes")));
-    }
-    if text.trim().is_empty() {
-        return Err(Error::Format { message: "the file is empty, but a URDF was expected".into() });
-    }
-    let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
-    let document = Document::parse_with_options(text, options).map_err(|e| Error::Format { message: format!("not XML: {e}") })?;
+    let document = document(text, "a URDF", "robot")?;
     let root = document.root_element();
-    if root.tag_name().name() != "robot" {
-        let name = format!("<{}>", shortened(root.tag_name().name()));
-        let hint = if name == "<sdf>" || name == "<mujoco>" { "<robot>, as of a URDF: convert the file first" } else { "<robot>" };
-        return Err(Error::invalid("outermost element", name, hint));
-    }
     let name = root.attribute("name").unwrap_or_default().trim().to_owned();
     let links = elements(root, "link").map(link).collect::<Result<Vec<_>>>()?;
     let joints = elements(root, "joint").map(joint).collect::<Result<Vec<_>>>()?;
-    Ok(Model { name, links, joints })
-}
-
-fn elements<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> impl Iterator<Item = Node<'a, 'i>> {
-    node.children().filter(move |child| child.is_element() && child.tag_name().name() == name)
-}
-
-fn element<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> Option<Node<'a, 'i>> {
-    elements(node, name).next()
-}
-
-/// Beginning of a text, for an error message.
-fn shortened(text: &str) -> String {
-    let mut shown: String = text.chars().take(40).collect();
-    if shown.len() < text.len() {
-        shown += "...";
-    }
-    shown.escape_debug().to_string()
-}
-
-/// Line and element, and the link or joint that contains it.
-fn place(node: Node) -> String {
-    let line = node.document().text_pos_at(node.range().start).row;
-    let owner = node.ancestors().find(|a| ["link", "joint"].contains(&a.tag_name().name()));
-    let owner = owner.map(|o| format!("{} `{}`", o.tag_name().name(), shortened(o.attribute("name").unwrap_or_default())));
-    match owner {
-        Some(owner) if !["link", "joint"].contains(&node.tag_name().name()) => {
-            format!("line {line}, {owner}, <{}>", shortened(node.tag_name().name()))
-        }
-        Some(owner) => format!("line {line}, {owner}"),
-        None => format!("line {line}, <{}>", shortened(node.tag_name().name())),
-    }
-}
-
-fn required<'a, 'i>(node: Node<'a, 'i>, name: &'static str) -> Result<Node<'a, 'i>> {
-    element(node, name).ok_or_else(|| Error::invalid(format!("{}, <{name}>", place(node)), "missing", "present"))
-}
-
-fn text<'a>(node: Node<'a, '_>, attribute: &str) -> Result<&'a str> {
-    node.attribute(attribute).ok_or_else(|| Error::invalid(format!("{}, `{attribute}`", place(node)), "missing", "given"))
-}
-
-fn name(node: Node) -> Result<String> {
-    let name = text(node, "name")?;
-    if name.trim().is_empty() { Err(Error::invalid(format!("{}, `name`", place(node)), "\"\"", "a name")) } else { Ok(name.into()) }
-}
-
-/// Parses a number. If `infinite` is set, as for joint limits, numbers beyond the largest one become infinite.
-fn number(node: Node, attribute: &str, text: &str, infinite: bool) -> Result<f64> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if v.abs() <= LARGEST => Ok(v),
-        Ok(v) if infinite && !v.is_nan() => Ok(v.signum() * f64::INFINITY),
-        _ => {
-            let limit = format!("a number from {} to {LARGEST}", -LARGEST);
-            Err(Error::invalid(format!("{}, `{attribute}`", place(node)), format!("\"{}\"", shortened(text)), limit))
-        }
-    }
-}
-
-fn numbers<const N: usize>(node: Node, attribute: &str, default: [f64; N]) -> Result<[f64; N]> {
-    let Some(text) = node.attribute(attribute) else { return Ok(default) };
-    let parts: Vec<&str> = text.split_whitespace().take(N + 1).collect();
-    if parts.len() != N {
-        return Err(Error::invalid(format!("{}, `{attribute}`", place(node)), format!("\"{}\"", shortened(text)), format!("{N} numbers")));
-    }
-    let mut values = default;
-    for (value, part) in values.iter_mut().zip(parts) {
-        *value = number(node, attribute, part, false)?;
-    }
-    Ok(values)
-}
-
-/// A mandatory number.
-fn scalar(node: Node, attribute: &str) -> Result<f64> {
-    number(node, attribute, text(node, attribute)?, false)
-}
-
-/// A mandatory size, zero or positive.
-fn size(node: Node, attribute: &str) -> Result<f64> {
-    let value = scalar(node, attribute)?;
-    if value >= 0. { Ok(value) } else { Err(Error::invalid(format!("{}, `{attribute}`", place(node)), value, "not negative")) }
+    Ok(Model { name, links, joints, stance: Vec::new(), notes: Vec::new() })
 }
 
 /// Pose from the `<origin>` of an element; the identity if absent. Rotations are fixed-axis roll, pitch and yaw, or a quaternion.
