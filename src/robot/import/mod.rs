@@ -7,12 +7,9 @@ mod body;
 mod faces;
 mod feet;
 mod mjcf;
-#[cfg(test)]
-mod mjcf_tests;
 mod model;
 mod reach;
 mod soles;
-mod solid;
 mod stance;
 #[cfg(test)]
 mod tests;

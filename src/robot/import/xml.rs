@@ -120,7 +120,7 @@ pub fn numbers<const N: usize>(node: Node, attribute: &str, default: [f64; N]) -
     Ok(values)
 }
 
-/// All numbers in an attribute, as many as there are; none if it is absent.
+/// All numbers in an attribute, as many as there are. It may be absent.
 pub fn list(node: Node, attribute: &str) -> Result<Vec<f64>> {
     node.attribute(attribute).unwrap_or_default().split_whitespace().map(|part| number(node, attribute, part, false)).collect()
 }

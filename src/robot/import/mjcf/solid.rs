@@ -1,6 +1,6 @@
 //! Volumes and inertias of uniform solids.
 
-use super::model::Shape;
+use super::super::model::Shape;
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::PI;
 

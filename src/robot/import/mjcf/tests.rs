@@ -1,11 +1,11 @@
 //! MJCF files: the robot of a URDF, and invalid files.
 
-use super::*;
+use crate::robot::import::Import;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::fs;
 
-const FOUR: &str = include_str!("../../../tests/data/quadruped.xml");
+const FOUR: &str = include_str!("../../../../tests/data/quadruped.xml");
 
 /// A base that carries a body, and other elements.
 fn model(body: &str, others: &str) -> String {
@@ -21,7 +21,7 @@ fn hung(inside: &str) -> String {
 fn an_mjcf_file_gives_the_robot_of_the_urdf_file() {
     let legs = ["LF", "RF", "LH", "RH"];
     // A file in MJCF has no speed limits.
-    let urdf = include_str!("../../../tests/data/quadruped.urdf").replace("velocity=\"12\"", "velocity=\"0\"");
+    let urdf = include_str!("../../../../tests/data/quadruped.urdf").replace("velocity=\"12\"", "velocity=\"0\"");
     let of = |leg: &&str| [(format!("{leg}_pitch"), std::f64::consts::FRAC_PI_4), (format!("{leg}_knee"), -std::f64::consts::FRAC_PI_2)];
     let expected = Import { configuration: legs.iter().flat_map(of).collect(), ..Import::default() }.urdf(&urdf).unwrap();
     let imported = Import::default().mjcf(FOUR).unwrap();
