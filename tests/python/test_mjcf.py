@@ -1,6 +1,7 @@
 """Robots from MJCF files, compared with the models that MuJoCo makes of them."""
 
 import pathlib
+from typing import Any
 
 import cregopt
 import numpy as np
@@ -60,7 +61,7 @@ def mixed() -> str:
 </mujoco>"""
 
 
-def compare(robot: cregopt.Robot, model: "mujoco.MjModel", base: str) -> None:
+def compare(robot: cregopt.Robot, model: Any, base: str) -> None:
     """Compares mass, inertia, feet and joints with a model of MuJoCo in the same posture."""
     found = robot.imported
     assert found is not None
