@@ -151,7 +151,7 @@ impl Import {
     /// # Errors
     /// [`Error::Format`] for text that is not XML, [`Error::Invalid`] for a model that is not a legged robot. Each names the place.
     pub fn urdf(&self, text: &str) -> Result<Imported> {
-        self.model(&urdf::parse(text)?)
+        self.model(&urdf::read(&xml::document(text, urdf::FORMAT)?)?)
     }
 
     /// Computes a robot from the text of an MJCF file, as from a URDF. The text includes no other files.
@@ -163,7 +163,7 @@ impl Import {
     /// # Errors
     /// As [`Import::urdf`]; also for bodies whose mass is only in a mesh.
     pub fn mjcf(&self, text: &str) -> Result<Imported> {
-        self.model(&mjcf::parse(text, None)?)
+        self.model(&mjcf::read(&xml::document(text, mjcf::FORMAT)?, None)?)
     }
 
     /// Computes a robot from a URDF or MJCF file. MJCF files may include others.
@@ -172,8 +172,11 @@ impl Import {
     /// As [`Import::urdf`] and [`Import::mjcf`], with the file's name; also for a file that cannot be read or is larger than [`MAX_FILE`].
     pub fn file(&self, path: &Path) -> Result<Imported> {
         let text = files::read_at_most(path, MAX_FILE as u64)?;
-        let model = if xml::is(&text, "mujoco") { mjcf::parse(&text, path.parent()) } else { urdf::parse(&text) };
-        model.and_then(|model| self.model(&model)).map_err(|e| e.in_file(path, None))
+        let imported = xml::document(&text, "a URDF or MJCF file").and_then(|document| {
+            let mjcf = document.root_element().has_tag_name(mjcf::OUTERMOST);
+            self.model(&if mjcf { mjcf::read(&document, path.parent()) } else { urdf::read(&document) }?)
+        });
+        imported.map_err(|e| e.in_file(path, None))
     }
 
     /// Computes a robot from links and joints.

@@ -32,7 +32,7 @@ fn quadruped(foot: &str) -> String {
 }
 
 /// Configuration with the feet below their hips.
-fn standing() -> Vec<(String, f64)> {
+pub fn standing() -> Vec<(String, f64)> {
     let of = |leg: &&str| [(format!("{leg}_pitch"), FRAC_PI_4), (format!("{leg}_knee"), -FRAC_PI_2)];
     LEGS.iter().flat_map(of).collect()
 }
@@ -61,7 +61,7 @@ fn mass_centre_and_inertia_agree_with_closed_forms() {
         joint("hold", "fixed", ["base", "bare"], "<origin xyz=\"0 0 0.3\"/>"),
         joint("turn", "continuous", ["bare", "hung"], &format!("<origin rpy=\"{} 0 0\"/><axis xyz=\"0 0 1\"/>", -FRAC_PI_2)),
     );
-    let model = urdf::parse(&text).unwrap();
+    let model = urdf::read(&xml::document(&text, urdf::FORMAT).unwrap()).unwrap();
     let tree = Tree::new(&model).unwrap();
     let frames = tree.frames(&tree.configuration(&[]).unwrap());
     let body = body::composite(frames.iter().zip(&model.links).filter_map(|(f, l)| l.inertial.as_ref().map(|i| (f, i))));
@@ -413,14 +413,19 @@ fn deep_and_long_files_do_not_exhaust_the_stack() {
 
 #[test]
 fn mutated_files_are_read_or_refused() {
-    let good = quadruped(BALL);
     let parts = [
         "<", ">", "\"", "0", "-1", "1e308", "NaN", "inf", "-", " ", "", "link", "joint", "base", "LF_calf", "&lt;", "&#0;", "<!--",
         "\u{e9}",
     ];
+    let [read, refused] = mutate(&quadruped(BALL), &parts, 2000, import);
+    assert!(read > 20 && refused > 500, "{read} read, {refused} refused");
+}
+
+/// Replaces pieces of a text by random parts, and imports the result. Returns the numbers of texts that were read and refused.
+pub fn mutate(good: &str, parts: &[&str], rounds: usize, import: impl Fn(&str) -> Result<Imported>) -> [usize; 2] {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let (mut read, mut refused) = (0, 0);
-    for i in 0..2000 {
+    for i in 0..rounds {
         let mut text: Vec<char> = good.chars().collect();
         for _ in 0..random.random_range(1..4) {
             let at = random.random_range(0..text.len());
@@ -442,7 +447,7 @@ fn mutated_files_are_read_or_refused() {
             }
         }
     }
-    assert!(read > 20 && refused > 500, "{read} read, {refused} refused");
+    [read, refused]
 }
 
 /// The humanoid of the tests: thighs and shins of 0.35 m, soles 0.06 m below the ankles with their centres 0.03 m ahead of them.

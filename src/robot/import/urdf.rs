@@ -1,18 +1,20 @@
 //! Masses, joints and collision shapes of a URDF file. Visuals, meshes and plugins are not read.
 
 use super::model::{Collision, Inertial, Joint, Link, Mimic, Model, Motion, Shape};
-use super::xml::{document, element, elements, name, number, numbers, place, required, scalar, shortened, size, text};
+use super::xml::{element, elements, name, number, numbers, outermost, place, required, scalar, shortened, size, text};
 use crate::error::{Error, Result};
 use nalgebra::{Isometry3, Matrix3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
-use roxmltree::Node;
+use roxmltree::{Document, Node};
 
-/// Parses the text of a URDF file.
+/// Name of the format in messages.
+pub const FORMAT: &str = "a URDF";
+
+/// Reads a URDF document.
 ///
 /// # Errors
-/// [`Error::Format`] for text that is not XML; [`Error::Invalid`] names the line, the element and the invalid value.
-pub fn parse(text: &str) -> Result<Model> {
-    let document = document(text, "a URDF", "robot")?;
-    let root = document.root_element();
+/// [`Error::Invalid`] names the line, the element and the invalid value.
+pub fn read(document: &Document) -> Result<Model> {
+    let root = outermost(document, FORMAT, "robot")?;
     let name = root.attribute("name").unwrap_or_default().trim().to_owned();
     let links = elements(root, "link").map(link).collect::<Result<Vec<_>>>()?;
     let joints = elements(root, "joint").map(joint).collect::<Result<Vec<_>>>()?;

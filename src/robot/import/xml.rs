@@ -13,13 +13,13 @@ const LARGEST: f64 = 1e9;
 /// Elements whose names say where another one is.
 const OWNERS: [&str; 4] = ["link", "joint", "body", "geom"];
 
-/// Parses a text whose outermost element must have a name.
+/// Parses a text.
 ///
 /// * `format` - name of the format, for messages
 ///
 /// # Errors
-/// [`Error::Format`] for text that is not XML; [`Error::Invalid`] for a text that is too long or has another outermost element.
-pub fn document<'a>(text: &'a str, format: &str, outermost: &str) -> Result<Document<'a>> {
+/// [`Error::Format`] for text that is not XML; [`Error::Invalid`] for a text that is too long.
+pub fn document<'a>(text: &'a str, format: &str) -> Result<Document<'a>> {
     if text.len() > MAX_FILE {
         return Err(Error::invalid(format!("size of {format}"), format!("{} bytes", text.len()), format!("at most {MAX_FILE} bytes")));
     }
@@ -27,17 +27,16 @@ pub fn document<'a>(text: &'a str, format: &str, outermost: &str) -> Result<Docu
         return Err(Error::Format { message: format!("the file is empty, but {format} was expected") });
     }
     let options = ParsingOptions { nodes_limit: MAX_NODES, ..ParsingOptions::default() };
-    let document = Document::parse_with_options(text, options).map_err(|e| Error::Format { message: format!("not XML: {e}") })?;
-    let name = document.root_element().tag_name().name();
-    if name != outermost {
-        return Err(Error::invalid("outermost element", format!("<{}>", shortened(name)), format!("<{outermost}>, as of {format}")));
-    }
-    Ok(document)
+    Document::parse_with_options(text, options).map_err(|e| Error::Format { message: format!("not XML: {e}") })
 }
 
-/// True if a text is XML with this outermost element.
-pub fn is(text: &str, outermost: &str) -> bool {
-    Document::parse(text).is_ok_and(|document| document.root_element().tag_name().name() == outermost)
+/// Outermost element, which must have a name.
+pub fn outermost<'a, 'i>(document: &'a Document<'i>, format: &str, name: &str) -> Result<Node<'a, 'i>> {
+    let root = document.root_element();
+    match root.tag_name().name() {
+        found if found == name => Ok(root),
+        found => Err(Error::invalid("outermost element", format!("<{}>", shortened(found)), format!("<{name}>, as of {format}"))),
+    }
 }
 
 /// Child elements with a name.

@@ -12,14 +12,14 @@ mod tests;
 
 use super::body::composite;
 use super::model::{Collision, Inertial, Joint, Link, Mimic, Model, Motion};
-use super::xml::{MAX_FILE, document, line, list, numbers, place, shortened, size, text};
+use super::xml::{MAX_FILE, document, line, list, numbers, outermost, place, shortened, size, text};
 use crate::error::{Error, Result};
 use crate::files;
 use crate::robot::leg::joint_motion;
 use geom::Geom;
 use nalgebra::{Isometry3, Matrix3, Translation3, Unit, Vector3};
 use reader::{Item, Reader};
-use roxmltree::Node;
+use roxmltree::{Document, Node};
 use solid::Solid;
 use std::path::Path;
 
@@ -32,22 +32,23 @@ const UNREAD: [&str; 4] = ["replicate", "attach", "composite", "flexcomp"];
 /// Elements that are motors. They share their defaults.
 const MOTORS: [&str; 8] = ["general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle"];
 
-/// Parses the text of an MJCF file.
+/// Name of the format in messages.
+pub const FORMAT: &str = "an MJCF file";
+/// Name of the outermost element.
+pub const OUTERMOST: &str = "mujoco";
+
+/// Reads an MJCF document.
 ///
 /// * `folder` - folder of included files; `None` if they cannot be read
 ///
 /// # Errors
-/// [`Error::Format`] for text that is not XML; [`Error::Invalid`] names the line, the element and the invalid value, and the file if it
-/// is an included one; also for included files that cannot be read.
-pub fn parse(text: &str, folder: Option<&Path>) -> Result<Model> {
-    let texts = included(text, folder)?;
-    let main = document(text, "an MJCF file", "mujoco")?;
-    let documents = texts.iter().map(|(name, text)| {
-        let document = document(text, "an MJCF file", "mujoco").map_err(|e| e.in_file(Path::new(name), None))?;
-        Ok((name.as_str(), document))
-    });
-    let documents = documents.collect::<Result<Vec<_>>>()?;
-    let (reader, sections) = Reader::new(main.root_element(), &documents)?;
+/// [`Error::Invalid`] names the line, the element and the invalid value, and the file if it is an included one; also for included files
+/// that cannot be read.
+pub fn read(main: &Document, folder: Option<&Path>) -> Result<Model> {
+    let root = outermost(main, FORMAT, OUTERMOST)?;
+    let texts = included(main, folder)?;
+    let documents = texts.iter().map(|(name, text)| Ok((name.as_str(), included_document(name, text)?))).collect::<Result<Vec<_>>>()?;
+    let (reader, sections) = Reader::new(root, &documents)?;
     let named = |name: &'static str| sections.iter().filter(move |section| section.tag_name().name() == name).copied();
     let mut parts = Vec::new();
     for (node, class, at) in
@@ -74,43 +75,47 @@ pub fn parse(text: &str, folder: Option<&Path>) -> Result<Model> {
     reader.equalities(&mut part, named("equality"))?;
     reader.compiler.set_mass(&mut part.links);
     let stance = reader.stance(&part, named("keyframe"), before, coordinates)?;
-    let name = main.root_element().attribute("model").unwrap_or_default().trim().to_owned();
+    let name = root.attribute("model").unwrap_or_default().trim().to_owned();
     Ok(Model { name, links: part.links, joints: part.joints, stance, notes: part.notes })
 }
 
 /// Names and texts of included files. Each is included once.
-fn included(text: &str, folder: Option<&Path>) -> Result<Vec<(String, String)>> {
-    let mut texts: Vec<(String, String)> = Vec::new();
-    for at in 0.. {
-        let (name, text) = match at {
-            0 => ("", text),
-            _ => match texts.get(at - 1) {
-                Some((name, text)) => (name.as_str(), text.as_str()),
-                None => break,
-            },
-        };
-        let mut found = Vec::new();
-        let document = document(text, "an MJCF file", "mujoco").map_err(|e| if at == 0 { e } else { e.in_file(Path::new(name), None) })?;
-        for include in document.descendants().filter(|node| node.tag_name().name() == "include") {
-            let file = self::text(include, "file")?.to_owned();
-            let place = format!("{}, `file`", place(include));
-            let Some(folder) = folder else {
-                return Err(Error::invalid(
-                    place,
-                    format!("\"{}\"", shortened(&file)),
-                    "absent: a text without a folder includes no files",
-                ));
-            };
-            if texts.iter().chain(&found).any(|(other, _)| *other == file) || texts.len() + found.len() >= MAX_INCLUDES {
-                let limit = format!("included once, as one of at most {MAX_INCLUDES} files");
-                return Err(Error::invalid(place, format!("\"{}\"", shortened(&file)), limit));
-            }
-            let text = files::read_at_most(&folder.join(&file), MAX_FILE as u64)?;
-            found.push((file, text));
-        }
-        texts.append(&mut found);
+fn included(main: &Document, folder: Option<&Path>) -> Result<Vec<(String, String)>> {
+    let mut texts = Vec::new();
+    include(main, folder, &mut texts)?;
+    // Included files may include others.
+    let mut next = 0;
+    while let Some((name, text)) = texts.get(next).cloned() {
+        include(&included_document(&name, &text)?, folder, &mut texts).map_err(|e| e.in_file(Path::new(&name), None))?;
+        next += 1;
     }
     Ok(texts)
+}
+
+/// Document of an included file.
+fn included_document<'t>(name: &str, text: &'t str) -> Result<Document<'t>> {
+    let parse = || {
+        let parsed = document(text, FORMAT)?;
+        outermost(&parsed, FORMAT, OUTERMOST)?;
+        Ok(parsed)
+    };
+    parse().map_err(|e: Error| e.in_file(Path::new(name), None))
+}
+
+/// Adds the files that a document includes.
+fn include(document: &Document, folder: Option<&Path>, texts: &mut Vec<(String, String)>) -> Result<()> {
+    for include in document.descendants().filter(|node| node.tag_name().name() == "include") {
+        let file = text(include, "file")?;
+        let refused = |limit: String| Error::invalid(format!("{}, `file`", place(include)), format!("\"{}\"", shortened(file)), limit);
+        let Some(folder) = folder else {
+            return Err(refused("absent: a text without a folder includes no files".into()));
+        };
+        if texts.iter().any(|(other, _)| other == file) || texts.len() >= MAX_INCLUDES {
+            return Err(refused(format!("included once, as one of at most {MAX_INCLUDES} files")));
+        }
+        texts.push((file.into(), files::read_at_most(&folder.join(file), MAX_FILE as u64)?));
+    }
+    Ok(())
 }
 
 /// A body of the world with all bodies below it.

@@ -94,6 +94,7 @@ impl<'a> Reader<'a> {
         })
     }
 
+    /// Error for a value of an attribute, or of the element itself if `what` is empty.
     pub fn invalid<T>(&self, node: Node, what: &str, value: impl std::fmt::Display, limit: &str) -> Result<T> {
         let what = if what.is_empty() { place(node) } else { format!("{}, `{what}`", place(node)) };
         self.checked(node, Err(Error::invalid(what, value, limit)))
