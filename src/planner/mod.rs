@@ -100,6 +100,8 @@ const HORIZON_ON_SOLES: f64 = 1.2;
 const LONGEST_INTERVAL: f64 = 0.1;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
+/// Largest difference between the yaw to which the commands lead and that of the base, rad.
+const HEADING: f64 = 0.1;
 /// Rise of the cost of the gait in force, as a factor, above which all families are tried.
 const COST_RISE: f64 = 1.5;
 /// Factor of the speed and acceleration of feet in states from which no candidate holds.
@@ -332,6 +334,8 @@ pub struct Planner {
     now: f64,
     /// Compensation of the error of the velocity, in the horizontal axes of the base, and of the yaw rate.
     compensation: [f64; 3],
+    /// Yaw to which the commands lead at the start of the plan, rad; `None` before the first update.
+    heading: Option<f64>,
 }
 
 impl Planner {
@@ -387,6 +391,7 @@ impl Planner {
             command: Command::default(),
             now: 0.,
             compensation: [0.; 3],
+            heading: None,
         })
     }
 
@@ -432,8 +437,10 @@ impl Planner {
         let before = self.plan.as_ref().map(|plan| Before::new(&plan.motion, start - plan.start).turned_to(yaw));
         let state = self.ahead(state, before.as_ref());
         self.update_contacts(&state, start);
-        let compensated = self.compensated(&state.base, command, now);
-        self.task = self.task_of(&state, &compensated)?;
+        let passed = if self.updates > 0 { now - self.now } else { 0. };
+        let compensated = self.compensated(&state.base, command, passed);
+        let turn = compensated.yaw_rate * self.horizon() + self.lag(state.base.yaw(), passed);
+        self.task = self.task_of(&state, &compensated, turn)?;
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
         let mut guesses: Vec<_> = self.in_force().zip(before).into_iter().collect();
         let steady = self.steady(start);
@@ -623,22 +630,39 @@ impl Planner {
     }
 
     /// The command with the compensation of the mean error so far: the cost of effort holds the velocity below the command.
-    fn compensated(&mut self, base: &BaseState, command: &Command, now: f64) -> Command {
+    ///
+    /// * `passed` - time since the last update, s
+    fn compensated(&mut self, base: &BaseState, command: &Command, passed: f64) -> Command {
         let (sin, cos) = base.yaw().sin_cos();
         let [x, y, _] = base.velocity;
         let actual = [cos * x + sin * y, cos * y - sin * x, base.rates[2]];
         let asked = [command.velocity[0], command.velocity[1], command.yaw_rate];
-        let passed = if self.updates > 0 { (now - self.now).min(COMPENSATION.0) } else { 0. };
+        let share = (passed / COMPENSATION.0).min(1.);
         for i in 0..3 {
             let most = COMPENSATION.1 * asked[i].abs();
-            self.compensation[i] = (self.compensation[i] + passed / COMPENSATION.0 * (asked[i] - actual[i])).clamp(-most, most);
+            self.compensation[i] = (self.compensation[i] + share * (asked[i] - actual[i])).clamp(-most, most);
         }
         let [x, y, turn] = std::array::from_fn(|i| asked[i] + self.compensation[i]);
         Command { velocity: [x, y], yaw_rate: turn }
     }
 
+    /// Angle by which the base lags behind the yaw to which the commands have led, rad, at most [`HEADING`]. A turn within a stance, as
+    /// single supports cause it, is undone in this way.
+    ///
+    /// * `yaw` - yaw of the base at the start of the plan, rad
+    /// * `passed` - time since the last update, s
+    fn lag(&mut self, yaw: f64, passed: f64) -> f64 {
+        let lag = self.heading.map_or(0., |heading| heading + self.command.yaw_rate * passed - yaw);
+        // A yaw is measured up to whole turns.
+        let lag = (lag - (lag / TAU).round() * TAU).clamp(-HEADING, HEADING);
+        self.heading = Some(yaw + lag);
+        lag
+    }
+
     /// The task from a state to where the command leads.
-    fn task_of(&self, state: &RobotState, command: &Command) -> Result<Task> {
+    ///
+    /// * `turn` - change of the yaw over the horizon, rad
+    fn task_of(&self, state: &RobotState, command: &Command, turn: f64) -> Result<Task> {
         let (base, horizon) = (&state.base, self.horizon());
         let swings = state.feet.iter().zip(&self.contacts).map(|(foot, contact)| {
             let FootState { position, velocity, .. } = *foot;
@@ -652,7 +676,6 @@ impl Planner {
         task.start_yaws = yaws.collect();
         // The velocity approaches the command exponentially, in the axes of the base, which turn.
         let [vx, vy] = command.velocity;
-        let turn = command.yaw_rate * horizon;
         let along = |yaw: f64| [vx * yaw.cos() - vy * yaw.sin(), vx * yaw.sin() + vy * yaw.cos()];
         let (middle, end) = (along(base.yaw() + turn / 2.), along(base.yaw() + turn));
         let excess = RESPONSE * (1. - (-horizon / RESPONSE).exp());
