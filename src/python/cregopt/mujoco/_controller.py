@@ -5,8 +5,9 @@ The unknowns x are the accelerations of all degrees of freedom and the forces of
     minimise    sum of weight * |A x - b|^2 over the tasks
     subject to  the dynamics of the base, friction pyramids, and, as soft constraints, the motors' torque limits.
 
-The state is known exactly. The plan is followed with one change: a swing starts at the actual position of its foot, and its foothold is displaced by a
-share of the capture point error.
+The state is known exactly. The plan is followed with one change: a swing starts at the actual position of its foot, and its foothold is displaced by the
+error of the capture point. With a smaller displacement errors across the line between two standing feet grow from step to step: a trot of Go2 over 3 m,
+whose base was 2 mm off after half of the way, fell before its end with a share of 0.7.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ class Gains:
     weight_soles: float = 3.0
     weight_forces: float = 0.3
     weight_rest: float = 0.01
-    capture: float = 0.7
+    capture: float = 1.0
     displacement: float = 0.1
     decided: float = 0.85
     press: float = 0.006
