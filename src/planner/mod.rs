@@ -1,15 +1,15 @@
 //! Planning online: the gait is chosen again many times a second, from any state.
 //!
-//! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is
-//! being performed, from the point where it is; the same with changed durations; the families, entered at the phase in which the feet
-//! are; and standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for
-//! is a cost, beside that of [`crate::gait::cost`]. A gait is solved from the motion that its family had at the last update, or from its
-//! own first guess. The cheapest candidate wins; a change of the family must pay for itself. The gait in force and standing are solved
-//! first; a candidate that is much more expensive after the first iterations is dropped, and a family that lost in this way rests for
-//! some updates. All families are tried when the command changes or the gait in force becomes more expensive, as after a push. If no
-//! candidate holds, legs may stretch to the end of their reach. If none holds even then, they are solved with wider limits: legs stretch
-//! further for some steps, and feet are faster than usual. Those of the gait in force come first, and the others only if none of them
-//! holds. If no other holds either, the plan before stays.
+//! Each update takes the measured state and a command, and solves a small batch of candidates over a short horizon: the gait that is being
+//! performed, from the point where it is; the same with changed durations; the families, entered at the phase in which the feet are; and
+//! standing. Feet may be in the air at both ends. The pose at the end is free; its distance from that which the command asks for is a cost,
+//! beside that of [`crate::gait::cost`]. Its yaw follows from the commands so far, and stays near the measured one. A gait is solved from
+//! the motion that its family had at the last update, or from its own first guess. The cheapest candidate wins; a change of the family must
+//! pay for itself. The gait in force and standing are solved first; a candidate that is much more expensive after the first iterations is
+//! dropped, and a family that lost in this way rests for some updates. All families are tried when the command changes or the gait in force
+//! becomes more expensive, as after a push. If no candidate holds, legs may stretch to the end of their reach. If none holds even then,
+//! they are solved with wider limits: legs stretch further for some steps, and feet are faster than usual. Those of the gait in force come
+//! first, and the others only if none of them holds. If no other holds either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
@@ -246,7 +246,7 @@ impl RobotState {
 pub struct Command {
     /// Velocity forward and to the left, in the horizontal axes of the base, m/s.
     pub velocity: [f64; 2],
-    /// Yaw rate, rad/s.
+    /// Yaw rate, rad/s. The yaw to which it leads is held: with 0 the robot goes straight ahead.
     pub yaw_rate: f64,
 }
 
