@@ -654,7 +654,7 @@ impl Planner {
     fn lag(&mut self, yaw: f64, passed: f64) -> f64 {
         let lag = self.heading.map_or(0., |heading| heading + self.command.yaw_rate * passed - yaw);
         // A yaw is measured up to whole turns.
-        let lag = (lag - (lag / TAU).round() * TAU).clamp(-HEADING, HEADING);
+        let lag = (lag - whole_turns(lag)).clamp(-HEADING, HEADING);
         self.heading = Some(yaw + lag);
         lag
     }
@@ -672,7 +672,7 @@ impl Planner {
         let (robot, terrain) = (self.reaching(state), self.task.terrain.clone());
         let mut task = Task::of_states(robot, terrain, *base, Some(feet), *base)?.with_swings(swings.collect())?;
         // Within half a turn of the base.
-        let yaws = state.feet.iter().map(|foot| foot.yaw + ((base.yaw() - foot.yaw) / TAU).round() * TAU);
+        let yaws = state.feet.iter().map(|foot| foot.yaw + whole_turns(base.yaw() - foot.yaw));
         task.start_yaws = yaws.collect();
         // The velocity approaches the command exponentially, in the axes of the base, which turn.
         let [vx, vy] = command.velocity;
@@ -707,6 +707,11 @@ impl Planner {
         let cost = steady.first().and_then(|s| s.as_ref()).map(|s| s.cost);
         *command != self.command || cost.is_none_or(|cost| cost > COST_RISE * plan.cost)
     }
+}
+
+/// The whole turns nearest to an angle, rad.
+fn whole_turns(angle: f64) -> f64 {
+    (angle / TAU).round() * TAU
 }
 
 /// True if a foot in the air that bears load ends its swing.

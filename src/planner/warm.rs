@@ -1,5 +1,6 @@
 //! First guess of a candidate from the motion that was planned before.
 
+use super::whole_turns;
 use crate::gait::Trajectory;
 use crate::gait::piece::{Piece, pieces};
 use crate::gait::trajectory::SoleYaws;
@@ -8,7 +9,6 @@ use crate::real::Real;
 use crate::rows::table::NONE;
 use crate::task::Task;
 use nalgebra::Vector3;
-use std::f64::consts::TAU;
 
 /// Time in which the first guess returns from the measured state to the motion planned before, s.
 const RETURN: f64 = 0.3;
@@ -42,7 +42,7 @@ impl Before {
     /// The motion with its yaw within half a turn of a measured one, rad.
     pub fn turned_to(self, yaw: f64) -> Before {
         let [pose, _] = self.base(0.);
-        let turns = ((yaw - pose[5]) / TAU).round() * TAU;
+        let turns = whole_turns(yaw - pose[5]);
         Before { turns: self.turns + turns, ..self }
     }
 
