@@ -1,12 +1,14 @@
 //! The search: draws schedules, solves and certifies them, and returns the cheapest gait.
 //!
-//! The search is anytime and has four stages:
+//! The search is anytime and has five stages:
 //! 1. The typical gait of every family that is possible for the robot, shortest first. If the first gait ends the search, the families keep
 //!    their order instead, which begins with the family most likely to work, e.g. a trot.
 //! 2. Generations of the cross-entropy method over families, durations, speed and phase offsets. Additional generations run while no gait
 //!    is certified, or none that the joints of the robot can follow.
-//! 3. Generations in the neighbourhood of the best gait.
-//! 4. Descents along the durations of the best gaits, and along those of the best gait with fewer and more strides. ANYmal's gaits of 6 m
+//! 3. If no gait was found on uneven ground: a first gait on ground of half the relief, which then rises step by step while gaits in the
+//!    neighbourhood of the last one hold.
+//! 4. Generations in the neighbourhood of the best gait.
+//! 5. Descents along the durations of the best gaits, and along those of the best gait with fewer and more strides. ANYmal's gaits of 6 m
 //!    with half a turn cost 1.83 with the 24 strides that they were drawn with, 1.34 with 12, and 1.25 if the horizon may become shorter
 //!    with each stride and forces have four pieces.
 //!
@@ -32,6 +34,7 @@ mod timed;
 pub use batch::{BatchSolver, Incumbent, ScheduleSolver};
 pub use evaluate::{Cancelled, Certify};
 pub use settings::{Gaits, SearchSettings};
+pub use stages::LowerGround;
 pub use timed::{CemSearchResult, search_with};
 
 use crate::backend::{Backend, Solution};
@@ -154,6 +157,8 @@ pub struct SearchResult {
     pub generations: Vec<GenerationRecord>,
     /// Number of minimisations with which durations were optimised at the end.
     pub duration_solves: usize,
+    /// Search on lower ground; `None` if there was none.
+    pub lower_ground: Option<LowerGround>,
     /// Every gait that was the best so far.
     pub improvements: Vec<Improvement>,
     /// Reason for the end.

@@ -48,6 +48,9 @@ pub struct SearchSettings {
     /// Largest number of additional generations, which run while no certified gait exists or none within the joint limits of the robot.
     /// With 12 of them 30 of 32 searches for ANYmal C and HyQ ended within the limits, without them 21.
     pub further_generations: usize,
+    /// Largest number of levels of the ground that are tried if no gait is found on uneven ground: a gait on ground of half the relief is
+    /// changed while the ground rises; 0: none. Too small: the ground of the task is not reached; too large: only time is lost.
+    pub relief_levels: usize,
     /// Largest number of generations in the neighbourhood of the best gait. Too small: phase times are not tuned; too large: only time is
     /// lost.
     pub perturbed_generations: usize,
@@ -94,6 +97,7 @@ impl Default for SearchSettings {
             elites: 4,
             generations: 3,
             further_generations: 12,
+            relief_levels: 60,
             perturbed_generations: 1,
             optimise_iterations: 6,
             reach_margin: 0.03,
@@ -123,6 +127,7 @@ impl SearchSettings {
             elites: free.elites,
             generations: free.generations,
             further_generations: 0,
+            relief_levels: 0,
             perturbed_generations: 0,
             optimise_iterations: 0,
             duration_steps: 0,
@@ -198,6 +203,7 @@ impl SearchSettings {
         count("search.elites", self.elites, 1, self.population)?;
         count("search.generations", self.generations, 0, 100_000)?;
         count("search.further_generations", self.further_generations, 0, 100_000)?;
+        count("search.relief_levels", self.relief_levels, 0, 10_000)?;
         count("search.perturbed_generations", self.perturbed_generations, 0, 100_000)?;
         count("search.optimise_iterations", self.optimise_iterations, 0, 10_000)?;
         check_range("search.reach_margin", self.reach_margin, 0., 1.)?;

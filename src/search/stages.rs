@@ -2,6 +2,9 @@
 //! descents along durations.
 
 mod descents;
+mod relief;
+
+pub use relief::LowerGround;
 
 use super::batch::{BatchSolver, ScheduleSolver};
 use super::cem::{
@@ -40,6 +43,8 @@ pub(super) struct SearchState<'a, 's> {
     generations: Vec<GenerationRecord>,
     /// Number of minimisations with which durations were optimised.
     duration_solves: usize,
+    /// Search on lower ground, if there was one.
+    lower_ground: Option<LowerGround>,
     improvements: Vec<Improvement>,
 }
 
@@ -64,6 +69,7 @@ impl<'a, 's> SearchState<'a, 's> {
             by_family: Vec::new(),
             generations: Vec::new(),
             duration_solves: 0,
+            lower_ground: None,
             improvements: Vec::new(),
         }
     }
@@ -86,6 +92,9 @@ impl<'a, 's> SearchState<'a, 's> {
             Gaits::All => self.periodic(evaluator, &default_families(&self.task.robot))?,
             Gaits::Families(families) => self.periodic(evaluator, families)?,
         };
+        let ended = !matches!(stop, StopReason::GenerationLimit | StopReason::Converged);
+        let raises = !ended && self.best.is_none() && settings.relief_levels > 0 && self.task.terrain.has_edges();
+        let stop = if raises { self.raise_ground(evaluator)?.unwrap_or(stop) } else { stop };
         let refinable = matches!(stop, StopReason::GenerationLimit | StopReason::Converged) && self.learns() && self.moves();
         let stop = if refinable && settings.perturbed_generations > 0 { self.perturbed(evaluator)?.unwrap_or(stop) } else { stop };
         if refinable && settings.optimises_durations() && self.solver.settings.transcription.rows == Transcription::Momentum {
@@ -320,6 +329,7 @@ impl<'a, 's> SearchState<'a, 's> {
             alternatives: others.into_iter().map(gait).collect::<Result<_>>()?,
             generations: self.generations,
             duration_solves: self.duration_solves,
+            lower_ground: self.lower_ground,
             improvements: self.improvements,
             stop,
             first_feasible_after,

@@ -1,5 +1,6 @@
 //! A task: robot, terrain, and the states of the base at start and goal.
 
+mod relief;
 mod standing;
 mod state;
 mod stride;

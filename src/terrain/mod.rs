@@ -4,6 +4,7 @@ pub mod grid;
 #[cfg(feature = "import")]
 pub mod import;
 pub mod profile;
+mod relief;
 
 pub use grid::Grid;
 pub use profile::Profile;

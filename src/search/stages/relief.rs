@@ -1,0 +1,111 @@
+//! Continuation over the relief of the ground, if a search finds no gait: a gait on lower ground, whose ground then rises step by step.
+//!
+//! Onto a block, feet must swing for longer than in any gait of a family, and at the right stride only. On ground of half the height the
+//! gaits of the families are found, and each rise needs only small changes of the phase times.
+
+use super::{BatchEvaluator, SearchState};
+use crate::error::Result;
+use crate::search::batch::BatchSolver;
+use crate::search::cem::{Candidate, PerturbSettings, StopReason};
+use crate::search::evaluate::Evaluated;
+use crate::search::timed::TimedEvaluator;
+use crate::search::{Gaits, SearchEvent, SearchSettings};
+use tracing::info;
+
+/// Shares of the relief on which a first gait is searched, one after the other.
+const FIRST: [f64; 3] = [0.5, 0.25, 0.125];
+/// First rise, as a share of the relief; its factor after a level with a gait and after one without; and its least value.
+const STEP: f64 = 0.08;
+const GROWTH: f64 = 1.3;
+const SHRINKING: f64 = 0.5;
+const LEAST_STEP: f64 = 0.01;
+/// Candidates per generation and generations per level.
+const POPULATION: usize = 64;
+const GENERATIONS: usize = 2;
+/// Standard deviations of the times of lift-off and touchdown, and of the time scale, see [`PerturbSettings`].
+const STD: f64 = 0.1;
+
+/// Ground on which a search found gaits that it did not find on the ground of the task.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct LowerGround {
+    /// Largest share of the relief on which a gait was found: 1 for the ground of the task, 0 if there was none.
+    pub share: f64,
+    /// Number of levels that were tried.
+    pub levels: usize,
+    /// Number of candidates on lower ground.
+    pub candidates: usize,
+}
+
+impl SearchState<'_, '_> {
+    /// Searches for a gait on lower ground and raises that ground. A gait on the ground of the task becomes one of the search.
+    ///
+    /// Returns the reason if the search ends.
+    pub(super) fn raise_ground(&mut self, evaluator: &mut BatchEvaluator) -> Result<Option<StopReason>> {
+        let mut ground = LowerGround { share: 0., levels: 0, candidates: 0 };
+        let found = self.raised(&mut ground);
+        info!(share = ground.share, levels = ground.levels, candidates = ground.candidates, "lower ground");
+        self.lower_ground = Some(ground);
+        let gait = found?.filter(|_| ground.share == 1.);
+        match gait {
+            Some(gait) => self.generation(evaluator, vec![(gait.family, (*gait.solution.schedule).clone())]),
+            None => Ok((self.clock.cancelled() || self.clock.expired()).then(|| self.clock.stop_reason())),
+        }
+    }
+
+    /// Gait on the highest ground on which one is found.
+    fn raised(&self, ground: &mut LowerGround) -> Result<Option<Candidate<Evaluated>>> {
+        let allowed = self.settings.relief_levels;
+        let ends = |ground: &LowerGround| ground.levels >= allowed || self.clock.cancelled() || self.clock.expired();
+        let mut gait = None;
+        for share in FIRST {
+            if gait.is_none() && !ends(ground) {
+                let settings = SearchSettings { first: true, relief_levels: 0, seconds: None, ..self.settings.clone() };
+                gait = self.on_level(share, &settings, ground)?;
+            }
+        }
+        let Some(mut gait) = gait else { return Ok(None) };
+        let mut step = STEP;
+        while ground.share < 1. && step >= LEAST_STEP && !ends(ground) {
+            let settings = SearchSettings {
+                gaits: Gaits::Around((*gait.solution.schedule).clone()),
+                generations: GENERATIONS,
+                further_generations: 0,
+                first: true,
+                relief_levels: 0,
+                perturb: PerturbSettings { std: STD, pace_std: STD, ..self.settings.perturb.clone() },
+                ..self.settings.clone()
+            };
+            let next = (ground.share + step).min(1.);
+            match self.on_level(next, &settings.with_population(POPULATION), ground)? {
+                Some(found) => {
+                    gait = Candidate { family: gait.family, ..found };
+                    step *= GROWTH;
+                }
+                None => step *= SHRINKING,
+            }
+        }
+        Ok(Some(gait))
+    }
+
+    /// First gait that a search finds on ground with a share of the relief.
+    fn on_level(&self, share: f64, settings: &SearchSettings, ground: &mut LowerGround) -> Result<Option<Candidate<Evaluated>>> {
+        ground.levels += 1;
+        let Ok(task) = self.task.with_relief(share) else { return Ok(None) };
+        let BatchSolver { settings: lower, backend, cost, .. } = *self.solver;
+        let mut lower = lower.clone();
+        lower.solver.optimise.iterations = 0;
+        let solver = BatchSolver { task: &task, settings: &lower, backend, cost, incumbent: None };
+        let mut evaluator = TimedEvaluator::new(&solver, self.clock).certifying_on_demand();
+        let mut ignore = |_: &SearchEvent| {};
+        // Each level has its own random numbers: the same ones would repeat the same change.
+        let seed = self.seed.wrapping_add(ground.levels as u64);
+        let mut state = SearchState::new(&solver, settings, seed, self.clock, &mut ignore);
+        state.run(&mut evaluator)?;
+        ground.candidates += state.generations.iter().map(|record| record.evaluated).sum::<usize>();
+        if state.best.is_some() {
+            ground.share = ground.share.max(share);
+        }
+        Ok(state.best)
+    }
+}
