@@ -2,13 +2,15 @@
 
 use super::{Grid, Profile, Shape, Terrain};
 
-/// Distance between the samples of a profile, m. The edges of all profiles but the end of the block's ramp lie on samples.
-const SAMPLE: f64 = 0.05;
+/// Distance between the samples of a profile along x, m. The edges of all profiles lie on samples.
+const SAMPLE: f64 = 0.01;
+/// Largest number of samples of a grid along one axis.
+const MOST_SAMPLES: usize = 4096;
 
 impl Terrain {
     /// Copy of the terrain whose heights differ from `level` by a share of what they do.
     ///
-    /// A profile becomes a grid of samples 5 cm apart, so that its risers become ramps of that width. Beyond the area the heights at its
+    /// A profile becomes a grid of samples 1 cm apart, so that its risers become ramps of that width. Beyond the area the heights at its
     /// edge continue.
     ///
     /// * `share` - 0 for level ground, 1 for the heights of this terrain
@@ -26,15 +28,15 @@ impl Terrain {
     }
 }
 
-/// Samples of a profile over an area.
+/// Samples of a profile over an area. Two columns suffice, because all profiles are linear along y.
 fn sampled(profile: Profile, [low, high]: [[f64; 2]; 2]) -> Grid {
-    let first = low.map(|v| (v / SAMPLE).floor());
-    let count = [0, 1].map(|axis| ((high[axis] / SAMPLE - first[axis]).ceil() as usize + 1).clamp(2, 4096));
+    let first = (low[0] / SAMPLE).floor();
+    let rows = ((high[0] / SAMPLE - first).ceil() as usize + 1).clamp(2, MOST_SAMPLES);
     // A sample at an edge belongs to the patch behind it: rounding does not decide.
-    let at = |axis: usize, i: usize| (first[axis] + i as f64) * SAMPLE + 1e-9;
-    let heights = (0..count[0]).map(|i| (0..count[1]).map(|j| profile.ground(at(0, i), at(1, j)).height).collect()).collect();
+    let row = |i: usize| [low[1], high[1]].map(|y| profile.ground((first + i as f64) * SAMPLE + 1e-9, y).height).to_vec();
     // A grid of n samples covers n times their distance.
-    Grid { low: first.map(|v| v * SAMPLE), high: [0, 1].map(|axis| (first[axis] + count[axis] as f64) * SAMPLE), heights }
+    let beyond = [(first + rows as f64) * SAMPLE, 2. * high[1] - low[1]];
+    Grid { low: [first * SAMPLE, low[1]], high: beyond, heights: (0..rows).map(row).collect() }
 }
 
 #[cfg(test)]

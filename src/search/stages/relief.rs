@@ -18,7 +18,7 @@ const FIRST: [f64; 3] = [0.5, 0.25, 0.125];
 const STEP: f64 = 0.08;
 const GROWTH: f64 = 1.3;
 const SHRINKING: f64 = 0.5;
-const LEAST_STEP: f64 = 0.01;
+const LEAST_STEP: f64 = 2e-3;
 /// Candidates per generation and generations per level.
 const POPULATION: usize = 64;
 const GENERATIONS: usize = 2;
@@ -76,7 +76,9 @@ impl SearchState<'_, '_> {
                 perturb: PerturbSettings { std: STD, pace_std: STD, ..self.settings.perturb.clone() },
                 ..self.settings.clone()
             };
-            let next = (ground.share + step).min(1.);
+            step = step.min(1. - ground.share);
+            // The last rise ends on the ground of the task itself.
+            let next = if ground.share + step > 1. - LEAST_STEP { 1. } else { ground.share + step };
             match self.on_level(next, &settings.with_population(POPULATION), ground)? {
                 Some(found) => {
                     gait = Candidate { family: gait.family, ..found };
