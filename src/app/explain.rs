@@ -5,7 +5,7 @@ use crate::backend::Backend;
 use crate::error::Result;
 use crate::refine::check_robot;
 use crate::search::SearchResult;
-use crate::search::diagnosis::{Diagnosis, diagnose};
+use crate::search::diagnosis::{Diagnosis, Relaxation, diagnose};
 use crate::search::precheck::{Finding, precheck};
 use crate::task::Task;
 use std::time::Duration;
@@ -45,5 +45,9 @@ pub fn explain(
         return Ok(None);
     }
     let limit = Duration::from_secs_f64(DIAGNOSIS_SHARE * found.seconds).max(LEAST_DIAGNOSIS);
-    diagnose(task, &found.best, &request.search.gaits, &request.lower, backend, limit, cancelled).map(Some)
+    let mut diagnosis = diagnose(task, &found.best, &request.search.gaits, &request.lower, backend, limit, cancelled)?;
+    if let Some(ground) = found.lower_ground.filter(|ground| ground.share > 0.) {
+        diagnosis.relaxations.insert(0, Relaxation::relief(ground.share));
+    }
+    Ok(Some(diagnosis))
 }

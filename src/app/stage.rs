@@ -119,6 +119,7 @@ impl MissionStage {
             refinement: self.refinement.as_ref(),
             certificate: best.certificate(),
             alternatives: found.alternatives.iter().map(GaitResult::new).collect(),
+            lower_ground: found.lower_ground,
             improvements: &found.improvements,
             generations: &found.generations,
         }

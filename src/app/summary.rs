@@ -5,6 +5,7 @@ use crate::gait::Schedule;
 use crate::gait::cost::Cost;
 use crate::report::result::{GaitResult, Refinement};
 use crate::report::{SolveResult, gait_diagram};
+use crate::search::LowerGround;
 use std::path::Path;
 
 /// Text of a result.
@@ -62,6 +63,9 @@ fn search_text(result: &SolveResult) -> String {
     let evaluated: usize = result.generations.iter().map(|g| g.evaluated).sum();
     let verdict = if result.feasible { "gait found" } else { "no feasible gait" };
     text += &format!("\n{verdict} in {:.3} s ({}; candidates: {evaluated}, generations: {generations})\n", result.seconds, result.stop);
+    if let Some(LowerGround { share, levels, candidates }) = result.lower_ground {
+        text += &format!("ground raised from lower relief to {:.1} %: {levels} searches, {candidates} candidates\n", 100. * share);
+    }
     if let Some(after) = result.first_feasible_seconds {
         text += &format!("first feasible gait after {after:.3} s\n");
     }

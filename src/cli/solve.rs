@@ -165,13 +165,21 @@ const LOG_INTERVAL: f64 = 10.;
 fn log_lines() -> impl FnMut(&SearchEvent) + Send {
     let mut last = Instant::now();
     move |progress| {
-        let SearchEvent::Generation(g) = progress else { return };
-        if last.elapsed().as_secs_f64() >= LOG_INTERVAL {
-            last = Instant::now();
-            let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
-            let counts = format!("{} evaluated, {} feasible, fewest violations {fewest}", g.evaluated, g.feasible);
-            info!("generation {}: {counts}", g.generation);
+        if last.elapsed().as_secs_f64() < LOG_INTERVAL {
+            return;
         }
+        match progress {
+            SearchEvent::Generation(g) => {
+                let fewest = g.lowest_n_violated.map_or("-".into(), |n| n.to_string());
+                let counts = format!("{} evaluated, {} feasible, fewest violations {fewest}", g.evaluated, g.feasible);
+                info!("generation {}: {counts}", g.generation);
+            }
+            SearchEvent::LowerGround(ground) => {
+                info!("a gait on {:.1} % of the relief, {} candidates", 100. * ground.share, ground.candidates)
+            }
+            SearchEvent::Improvement(_) => return,
+        }
+        last = Instant::now();
     }
 }
 
@@ -187,6 +195,7 @@ fn bar() -> impl FnMut(&SearchEvent) + Send {
                 let family = i.family.map(|f| format!("{f}, ")).unwrap_or_default();
                 best = format!("best {family}{:.3} after {:.2} s", -i.objective, i.seconds);
             }
+            SearchEvent::LowerGround(ground) => best = format!("a gait on {:.0} % of the relief", 100. * ground.share),
         }
         bar.set_message(format!("{evaluated} candidates, {feasible} gaits, {best}"));
     }

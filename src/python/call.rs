@@ -34,6 +34,9 @@ impl Event {
             ProgressEvent::Progress(SearchEvent::Improvement(better)) => {
                 Some(Event::Progress("improvement", serde_json::to_value(better).ok()?))
             }
+            ProgressEvent::Progress(SearchEvent::LowerGround(ground)) => {
+                Some(Event::Progress("lower-ground", serde_json::to_value(ground).ok()?))
+            }
         }
     }
 

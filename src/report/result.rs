@@ -10,7 +10,7 @@ use crate::search::cem::{GenerationRecord, StopReason};
 use crate::search::diagnosis::Diagnosis;
 use crate::search::evaluate::{Evaluated, LowerSettings};
 use crate::search::precheck::Finding;
-use crate::search::{Gait, Improvement, SearchSettings};
+use crate::search::{Gait, Improvement, LowerGround, SearchSettings};
 use crate::settings::Transcription;
 use crate::verify::Report;
 use serde::Serialize;
@@ -198,6 +198,9 @@ pub struct SolveResult<'a> {
     pub certificate: &'a Report,
     /// Best gaits of other families.
     pub alternatives: Vec<GaitResult>,
+    /// Search on lower ground, if there was one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lower_ground: Option<LowerGround>,
     /// Every gait that was the best so far.
     pub improvements: &'a [Improvement],
     /// Record of each generation.

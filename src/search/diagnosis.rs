@@ -59,6 +59,14 @@ pub struct Relaxation {
     pub n_violated: usize,
 }
 
+impl Relaxation {
+    /// Ground with a share of the relief on which the search found a gait.
+    pub fn relief(share: f64) -> Relaxation {
+        let change = format!("{:.1} % of the height differences of the ground", 100. * share);
+        Relaxation { change, setting: "another terrain".into(), feasible: true, n_violated: 0 }
+    }
+}
+
 /// Diagnosis of a search that found no gait.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

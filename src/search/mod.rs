@@ -144,6 +144,8 @@ pub enum SearchEvent<'a> {
     Generation(&'a GenerationRecord),
     /// A better certified gait was found.
     Improvement(&'a Improvement),
+    /// Gaits were searched on lower ground.
+    LowerGround(&'a LowerGround),
 }
 
 /// Result of a search.

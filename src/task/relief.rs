@@ -22,14 +22,13 @@ impl Task {
         }
         let ends = [self.start.position, self.goal.position];
         let around = AROUND * self.robot.nominal_feet.iter().map(|foot| foot[0].hypot(foot[1])).fold(0.1, f64::max);
-        let area = [
-            [0, 1].map(|axis| ends[0][axis].min(ends[1][axis]) - around),
-            [0, 1].map(|axis| ends[0][axis].max(ends[1][axis]) + around),
-        ];
+        let area =
+            [[0, 1].map(|axis| ends[0][axis].min(ends[1][axis]) - around), [0, 1].map(|axis| ends[0][axis].max(ends[1][axis]) + around)];
         let level = self.terrain.height(ends[0][0], ends[0][1]);
         let terrain = self.terrain.with_relief(share, level, area);
         let moved = |state: &BaseState| {
-            let [(before, [roll, pitch]), (after, [new_roll, new_pitch])] = [&*self.terrain, &terrain].map(|on| under(&self.robot, on, state));
+            let [(before, [roll, pitch]), (after, [new_roll, new_pitch])] =
+                [&*self.terrain, &terrain].map(|on| under(&self.robot, on, state));
             let [x, y, z] = state.position;
             let [old_roll, old_pitch, yaw] = state.angles;
             let angles = [old_roll + new_roll - roll, old_pitch + new_pitch - pitch, yaw];

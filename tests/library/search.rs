@@ -96,6 +96,7 @@ fn every_improvement_is_better_and_the_last_is_the_best() {
         let found = run(Search::new(&task).settings(settings).seed(2).on_progress(|progress| match progress {
             SearchEvent::Improvement(improvement) => improvements.push((*improvement).clone()),
             SearchEvent::Generation(record) => generations.push((*record).clone()),
+            SearchEvent::LowerGround(_) => panic!("the ground is flat"),
         }));
         assert_eq!((&improvements, &generations), (&found.improvements, &found.generations));
         assert!(improvements.is_sorted_by(|a, b| a.objective < b.objective && a.seconds <= b.seconds));
@@ -219,6 +220,39 @@ fn a_distance_too_long_for_one_family_is_left_to_the_others() {
     assert!(search(&[GaitFamily::Wave]).unwrap_err().to_string().contains("at most 120 s"));
     let found = search(&[GaitFamily::Wave, GaitFamily::Tripod]).unwrap();
     assert_eq!((found.generations[0].evaluated, found.best.candidate.family), (1, Some(GaitFamily::Tripod)));
+}
+
+#[test]
+fn a_gait_onto_a_high_block_is_raised_from_lower_ground() {
+    // Up half a metre: the regular strides of the families do not lead there.
+    let task = task("hyq", "block", [2., 0.], 0.);
+    let search = |relief_levels: usize, threads: usize, ground: &mut Vec<f64>| {
+        let settings = SearchSettings { generations: 0, further_generations: 0, first: true, relief_levels, ..SearchSettings::default() };
+        let search = Search::new(&task).settings(settings).on_progress(|progress| {
+            if let SearchEvent::LowerGround(lower) = progress {
+                ground.push(lower.share);
+            }
+        });
+        search.run(&Cpu::new(threads).unwrap()).unwrap()
+    };
+    let mut shares = Vec::new();
+    let without = search(0, 2, &mut shares);
+    assert!(!without.best.feasible() && without.lower_ground.is_none() && shares.is_empty());
+    let found = search(60, 2, &mut shares);
+    let ground = found.lower_ground.unwrap();
+    assert_eq!((found.stop, ground.share, ground.levels), (StopReason::FirstFeasible, 1., shares.len()));
+    assert!(shares.is_sorted() && ground.levels > 2 && ground.candidates > ground.levels, "{shares:?}");
+    let limit = force_limit(&LowerSettings::default().transcription, &task);
+    assert!(verify(found.best.trajectory(), &task.robot, &task.terrain, limit).unwrap().feasible);
+    // All feet end on the block, and the base follows: it noses up while only the front feet are there.
+    assert!(found.best.trajectory().end_feet().iter().all(|[x, y]| task.terrain.height(*x, *y) == 0.5));
+    let cost = found.best.candidate.solution.cost.unwrap();
+    assert!((10. ..60.).contains(&cost.tilt), "{cost:?}");
+    // A level that is not reached is reported, and the number of threads decides nothing.
+    let [few, same] = [1, 2].map(|threads| search(3, threads, &mut Vec::new()));
+    let ended = few.lower_ground.unwrap();
+    assert!(!few.best.feasible() && ended.levels == 3 && ended.share == shares[2], "{ended:?}");
+    assert_eq!(few.lower_ground, same.lower_ground);
 }
 
 #[test]

@@ -4,30 +4,23 @@
 //! gaits of the families are found, and each rise needs only small changes of the phase times.
 
 use super::{BatchEvaluator, SearchState};
-use crate::backend::Solution;
 use crate::error::Result;
-use crate::nlp::Problem;
 use crate::search::batch::BatchSolver;
-use crate::search::cem::{self, Candidate, Generation, PerturbSettings, StopReason};
-use crate::search::evaluate::{Evaluated, EvaluationContext, LowerSettings};
+use crate::search::cem::{Candidate, PerturbSettings, StopReason};
+use crate::search::evaluate::Evaluated;
 use crate::search::timed::TimedEvaluator;
 use crate::search::{Gaits, SearchEvent, SearchSettings};
-use crate::settings::SolverSettings;
-use crate::solver::{Finish, Solver, close};
-use tracing::{debug, info};
+use tracing::debug;
 
 /// Shares of the relief on which a first gait is searched, one after the other.
 const FIRST: [f64; 3] = [0.5, 0.25, 0.125];
-/// First rise below a motion, as a share of the relief; its factors after a rise that the motion followed and after another one.
-const STEP: f64 = 0.05;
-const GROWTH: f64 = 1.5;
+/// Largest number of ascents, each with its own random numbers.
+const ASCENTS: u64 = 3;
+/// First rise, as a share of the relief; its factor after a level with a gait and after one without; and its least value.
+const STEP: f64 = 0.08;
+const GROWTH: f64 = 1.3;
 const SHRINKING: f64 = 0.5;
-/// First rise at which other phase times are tried.
-const CHANGED_STEP: f64 = 0.02;
-/// Least rise.
 const LEAST_STEP: f64 = 2e-3;
-/// Barrier parameter of a solve that starts from the motion on slightly lower ground.
-const WARM_BARRIER: f64 = 1e-3;
 /// Candidates per generation and generations per level.
 const POPULATION: usize = 64;
 const GENERATIONS: usize = 2;
@@ -40,17 +33,10 @@ const STD: f64 = 0.1;
 pub struct LowerGround {
     /// Largest share of the relief on which a gait was found: 1 for the ground of the task, 0 if there was none.
     pub share: f64,
-    /// Number of levels on which gaits were searched.
+    /// Number of levels that were tried.
     pub levels: usize,
-    /// Number of solves.
+    /// Number of candidates on lower ground.
     pub candidates: usize,
-}
-
-impl LowerGround {
-    /// Next share of the relief. The last rise ends on the ground of the task itself.
-    fn next(&self, step: f64) -> f64 {
-        if self.share + step > 1. - LEAST_STEP { 1. } else { self.share + step }
-    }
 }
 
 impl SearchState<'_, '_> {
@@ -59,20 +45,17 @@ impl SearchState<'_, '_> {
     /// Returns the reason if the search ends.
     pub(super) fn raise_ground(&mut self, evaluator: &mut BatchEvaluator) -> Result<Option<StopReason>> {
         let mut ground = LowerGround { share: 0., levels: 0, candidates: 0 };
-        let found = self.raised(&mut ground);
-        info!(share = ground.share, levels = ground.levels, candidates = ground.candidates, "lower ground");
-        self.lower_ground = Some(ground);
-        if let Some(gait) = found?.filter(|_| ground.share == 1.) {
-            evaluator.first_feasible_after.get_or_insert(self.clock.seconds());
-            let (settings, generation, solution) = (self.settings.cem(1), self.generations.len(), gait.solution);
-            let schedule = (*solution.schedule).clone();
-            let ranked =
-                [Candidate::new(&settings, gait.family, generation, 0, schedule, solution.evaluation, Some(Box::new(solution)))];
-            let record = cem::summarise(generation, ranked.iter(), 0., 0.);
-            self.process(&Generation { record: &record, ranked: &ranked });
-            return Ok(self.settings.first.then_some(StopReason::FirstFeasible));
+        let mut gait = None;
+        for ascent in 0..ASCENTS {
+            if gait.is_none() && self.may_go_on(&ground) {
+                gait = self.raised(ascent, &mut ground)?;
+            }
         }
-        Ok(self.over().then(|| self.clock.stop_reason()))
+        self.lower_ground = Some(ground);
+        match gait {
+            Some(gait) => self.generation(evaluator, vec![(gait.family, (*gait.solution.schedule).clone())]),
+            None => Ok(self.over().then(|| self.clock.stop_reason())),
+        }
     }
 
     /// True if the search must end.
@@ -80,23 +63,25 @@ impl SearchState<'_, '_> {
         self.clock.cancelled() || self.clock.expired()
     }
 
-    /// Gait on the highest ground on which one is found.
-    fn raised(&self, ground: &mut LowerGround) -> Result<Option<Candidate<Evaluated>>> {
-        let first = SearchSettings { first: true, relief_levels: 0, seconds: None, ..self.settings.clone() };
-        let mut lower = self.solver.settings.clone();
-        lower.solver.optimise.iterations = 0;
-        let mut gait = None;
-        for share in FIRST {
+    /// True if gaits may be searched on another level.
+    fn may_go_on(&self, ground: &LowerGround) -> bool {
+        ground.levels < self.settings.relief_levels && !self.over()
+    }
+
+    /// Gait on the ground of the task that is reached from lower ground.
+    fn raised(&mut self, ascent: u64, ground: &mut LowerGround) -> Result<Option<Candidate<Evaluated>>> {
+        let first = SearchSettings { first: true, relief_levels: 0, ..self.settings.clone() };
+        let (mut gait, mut share) = (None, 0.);
+        for lower in FIRST {
             if gait.is_none() && self.may_go_on(ground) {
-                gait = self.on_level(share, &first, &lower, ground)?;
+                (gait, share) = (self.on_level(lower, &first, ascent, ground)?, lower);
             }
         }
         let Some(mut gait) = gait else { return Ok(None) };
-        let mut step = CHANGED_STEP;
-        loop {
-            self.follow(&mut gait, &lower, ground);
-            if ground.share == 1. || step < LEAST_STEP || !self.may_go_on(ground) {
-                return Ok(Some(gait));
+        let mut step = STEP;
+        while share < 1. {
+            if step < LEAST_STEP || !self.may_go_on(ground) {
+                return Ok(None);
             }
             let around = SearchSettings {
                 gaits: Gaits::Around((*gait.solution.schedule).clone()),
@@ -105,80 +90,49 @@ impl SearchState<'_, '_> {
                 perturb: PerturbSettings { std: STD, pace_std: STD, ..first.perturb.clone() },
                 ..first.clone()
             };
-            match self.on_level(ground.next(step), &around.with_population(POPULATION), &lower, ground)? {
+            step = step.min(1. - share);
+            // The last rise ends on the ground of the task itself.
+            let next = if share + step > 1. - LEAST_STEP { 1. } else { share + step };
+            // Each level has its own random numbers: the same ones would repeat the same change.
+            let level = ground.levels as u64;
+            match self.on_level(next, &around.with_population(POPULATION), level, ground)? {
                 Some(found) => {
                     gait = Candidate { family: gait.family, ..found };
-                    step = CHANGED_STEP;
+                    (share, step) = (next, step * GROWTH);
                 }
                 None => step *= SHRINKING,
             }
         }
-    }
-
-    /// True if gaits may be searched on another level.
-    fn may_go_on(&self, ground: &LowerGround) -> bool {
-        ground.levels < self.settings.relief_levels && !self.over()
+        Ok(Some(gait))
     }
 
     /// First gait that a search finds on ground with a share of the relief.
+    ///
+    /// * `further` - number that is added to the seed
     fn on_level(
-        &self,
+        &mut self,
         share: f64,
         settings: &SearchSettings,
-        lower: &LowerSettings,
+        further: u64,
         ground: &mut LowerGround,
     ) -> Result<Option<Candidate<Evaluated>>> {
         ground.levels += 1;
         let Ok(task) = self.task.with_relief(share) else { return Ok(None) };
-        let BatchSolver { backend, cost, .. } = *self.solver;
-        let solver = BatchSolver { task: &task, settings: lower, backend, cost, incumbent: None };
+        let BatchSolver { settings: lower, backend, cost, .. } = *self.solver;
+        let mut lower = lower.clone();
+        lower.solver.optimise.iterations = 0;
+        let solver = BatchSolver { task: &task, settings: &lower, backend, cost, incumbent: None };
         let mut evaluator = TimedEvaluator::new(&solver, self.clock).certifying_on_demand();
         let mut ignore = |_: &SearchEvent| {};
-        // Each level has its own random numbers: the same ones would repeat the same change.
-        let seed = self.seed.wrapping_add(ground.levels as u64);
-        let mut state = SearchState::new(&solver, settings, seed, self.clock, &mut ignore);
+        let mut state = SearchState::new(&solver, settings, self.seed.wrapping_add(further), self.clock, &mut ignore);
         state.run(&mut evaluator)?;
         ground.candidates += state.generations.iter().map(|record| record.evaluated).sum::<usize>();
-        debug!(share, found = state.best.is_some(), "level");
-        if state.best.is_some() {
+        let found = state.best;
+        if found.is_some() {
             ground.share = ground.share.max(share);
         }
-        Ok(state.best)
-    }
-
-    /// Raises the ground below a motion as far as the motion can follow: each solve starts from the motion before.
-    fn follow(&self, gait: &mut Candidate<Evaluated>, lower: &LowerSettings, ground: &mut LowerGround) {
-        let mut step = STEP;
-        while ground.share < 1. && step >= LEAST_STEP && !self.over() {
-            let next = ground.next(step);
-            let followed = self.followed(next, &gait.solution, lower);
-            ground.candidates += 1;
-            debug!(share = next, found = followed.is_some(), "rise");
-            match followed {
-                Some(solution) => {
-                    gait.solution = solution;
-                    ground.share = next;
-                    step *= GROWTH;
-                }
-                None => step = SHRINKING * (next - ground.share),
-            }
-        }
-    }
-
-    /// The motion of a gait on ground with another share of the relief, solved in f64 from the present one; `None` if it is not certified.
-    fn followed(&self, share: f64, gait: &Evaluated, lower: &LowerSettings) -> Option<Evaluated> {
-        let (task, schedule) = (self.task.with_relief(share).ok()?, &gait.schedule);
-        let cancelled = || self.over();
-        let problem = Problem::<f64>::new(&task, schedule, &lower.transcription);
-        if problem.initial.len() != gait.x.len() {
-            return None;
-        }
-        let settings = SolverSettings { barrier: Some(WARM_BARRIER), ..lower.solver.clone() };
-        let mut solver = Solver::<f64>::default();
-        let outcome = solver.solve(&problem, &settings, Finish::Infeasibility(settings.tolerance), Some(&gait.x), &cancelled);
-        let (outcome, x) = close(&problem, outcome, solver.solution(), &settings, &cancelled);
-        let solution = Solution { outcome, x, variables: problem.curves.variables, curves: problem.curves, closed: true };
-        let context = EvaluationContext { task: &task, schedule, settings: lower, weights: self.solver.cost };
-        Some(context.examined(solution)).filter(|solution| solution.feasible)
+        debug!(share, found = found.is_some(), candidates = ground.candidates, "level");
+        (self.on_event)(&SearchEvent::LowerGround(ground));
+        Ok(found)
     }
 }
