@@ -20,7 +20,7 @@
 //! | `solver.edge_radius` | 0.04 m | rounding of terrain edges; with 0, gaits that step over an edge are lost |
 //! | `search.population` | 16 | candidates per generation; more is slower and finds cheaper gaits |
 //! | `search.generations` | 3 | generations over gait families; more is slower and finds cheaper gaits |
-//! | `search.relief_levels` | 60 | levels of rising ground on which gaits are searched if there is none on uneven ground; 0: none |
+//! | `search.relief_levels` | 60 | levels of rising ground that are tried after a search on uneven ground has failed; 0 leaves this out |
 //! | `search.optimise_iterations` | 6 | iterations that minimise the cost of each candidate; 0 is fast, and gaits cost a tenth more |
 //! | `search.duration_steps` | 21 | steps for the durations and strides of the best gaits; 0 is fast, and gaits cost a tenth more |
 //! | `search.cost.*` | 1; `joint_excess` 50 | weights of leg work, swing work and effort, and of joint motion beyond the joint limits |

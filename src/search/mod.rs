@@ -159,7 +159,7 @@ pub struct SearchResult {
     pub generations: Vec<GenerationRecord>,
     /// Number of minimisations with which durations were optimised at the end.
     pub duration_solves: usize,
-    /// Search on lower ground; `None` if there was none.
+    /// Search on lower ground, if the search needed one.
     pub lower_ground: Option<LowerGround>,
     /// Every gait that was the best so far.
     pub improvements: Vec<Improvement>,

@@ -1,4 +1,4 @@
-//! The same task on ground with a share of its relief.
+//! Tasks on easier ground: heights that are a share of the true ones.
 
 use super::{BaseState, Task, tilt_over};
 use crate::error::Result;

@@ -77,6 +77,23 @@ def test_progress_is_shown_as_a_bar(task: cregopt.Task, tmp_path: pathlib.Path, 
     assert capsys.readouterr().err == ""
 
 
+def test_a_search_on_lower_ground_reports_its_levels(capsys: pytest.CaptureFixture[str]) -> None:
+    high = cregopt.Task(cregopt.Robot("hyq"), cregopt.Terrain("block"), goal=(2.0, 0.0))
+    records: list[dict[str, Any]] = []
+    options: dict[str, Any] = {"first": True, "generations": 0, "device": "cpu"}
+    options["settings"] = {"search": {"further_generations": 0, "relief_levels": 2}}
+    gait = cregopt.search(high, progress=records.append, **options)
+    levels = [record for record in records if record["event"] == "lower-ground"]
+    assert not gait.feasible and [record["levels"] for record in levels] == [1, 2]
+    reached = gait.to_dict()["lower_ground"]
+    assert reached == {key: levels[-1][key] for key in reached} and 0.5 <= reached["share"] < 1
+    assert f"{100 * reached['share']:.1f} % of the height differences" in str(gait.diagnosis)
+    pytest.importorskip("tqdm")
+    capsys.readouterr()
+    cregopt.search(high, progress=True, **options)
+    assert f"a gait on {100 * reached['share']:.0f} % of the relief" in capsys.readouterr().err
+
+
 def test_without_tqdm_the_error_names_the_package_to_install(task: cregopt.Task, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     with pytest.raises(ImportError, match=r"pip install cregopt\[progress\]"):

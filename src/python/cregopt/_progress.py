@@ -6,7 +6,8 @@ import contextlib
 import importlib
 from typing import Any, Callable, Iterator, Optional, Union
 
-#: Callback that takes a dictionary. Its key ``event`` is ``generation`` or ``improvement``; the other keys are those of result.json.
+#: Callback that takes a dictionary. Its key ``event`` is ``generation``, ``improvement`` or ``lower-ground``; the other keys are those of
+#: result.json.
 Progress = Callable[[dict[str, Any]], object]
 #: A callback, True for a progress bar, or False or None for neither.
 Watch = Union[bool, Progress, None]
@@ -29,6 +30,8 @@ def watched(watch: Watch) -> Iterator[Optional[Progress]]:
                     gaits += record["feasible"]
                     shown.set_postfix_str(f"{gaits} gaits", refresh=False)
                     shown.update(record["evaluated"])
+                elif record["event"] == "lower-ground":
+                    shown.set_description_str(f"a gait on {100 * record['share']:.0f} % of the relief")
                 else:
                     family = f"{record['family']}, " if record["family"] else ""
                     shown.set_description_str(f"best {family}{-record['objective']:.3f} after {record['seconds']:.2f} s")

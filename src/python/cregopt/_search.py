@@ -86,8 +86,8 @@ def search(
         ``{"solver": {"max_iterations": 100}}``.
     progress : bool or callable, optional
         True shows a progress bar by tqdm (``pip install cregopt[progress]``). A callable is called on the calling thread with a dictionary per
-        generation and per improvement: ``event`` is ``generation`` or ``improvement``, the other keys are those of ``generations`` and
-        ``improvements`` in ``gait.to_dict()``. An exception that it raises ends the search and is raised again.
+        generation, per improvement, and per level of a search on lower ground: ``event`` is ``generation``, ``improvement`` or
+        ``lower-ground``, the other keys are those of ``generations``, ``improvements`` and ``lower_ground`` in ``gait.to_dict()``. An exception that it raises ends the search and is raised again.
 
     Returns
     -------

@@ -31,7 +31,7 @@ const STD: f64 = 0.1;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LowerGround {
-    /// Largest share of the relief on which a gait was found: 1 for the ground of the task, 0 if there was none.
+    /// Largest share of the relief on which a gait was found: 1 for the ground of the task, 0 without a gait.
     pub share: f64,
     /// Number of levels that were tried.
     pub levels: usize,
