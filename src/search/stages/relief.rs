@@ -47,7 +47,7 @@ impl SearchState<'_, '_> {
         let mut ground = LowerGround { share: 0., levels: 0, candidates: 0 };
         let mut gait = None;
         for ascent in 0..ASCENTS {
-            // Where the lowest ground has no gait, other random numbers will hardly find one.
+            // Other random numbers will hardly find a gait if the lowest ground has none.
             let hopeless = ascent > 0 && ground.share == 0.;
             if gait.is_none() && !hopeless && self.may_go_on(&ground) {
                 gait = self.raised(ascent, &mut ground)?;
