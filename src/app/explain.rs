@@ -46,7 +46,7 @@ pub fn explain(
     }
     let limit = Duration::from_secs_f64(DIAGNOSIS_SHARE * found.seconds).max(LEAST_DIAGNOSIS);
     let mut diagnosis = diagnose(task, &found.best, &request.search.gaits, &request.lower, backend, limit, cancelled)?;
-    if let Some(ground) = found.lower_ground.filter(|ground| ground.share > 0.) {
+    if let Some(ground) = found.lower_ground.filter(|ground| ground.share > 0. && ground.share < 1.) {
         diagnosis.relaxations.insert(0, Relaxation::relief(ground.share));
     }
     Ok(Some(diagnosis))

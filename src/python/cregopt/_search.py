@@ -87,7 +87,8 @@ def search(
     progress : bool or callable, optional
         True shows a progress bar by tqdm (``pip install cregopt[progress]``). A callable is called on the calling thread with a dictionary per
         generation, per improvement, and per level of a search on lower ground: ``event`` is ``generation``, ``improvement`` or
-        ``lower-ground``, the other keys are those of ``generations``, ``improvements`` and ``lower_ground`` in ``gait.to_dict()``. An exception that it raises ends the search and is raised again.
+        ``lower-ground``, the other keys are those of ``generations``, ``improvements`` and ``lower_ground`` in ``gait.to_dict()``. An
+        exception that it raises ends the search and is raised again.
 
     Returns
     -------
