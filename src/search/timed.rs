@@ -44,6 +44,11 @@ impl<'a> Clock<'a> {
         self.limit.is_some_and(|limit| self.start.elapsed() >= limit)
     }
 
+    /// True if the search must end.
+    pub fn over(&self) -> bool {
+        self.cancelled() || self.expired()
+    }
+
     /// Reason for the end of a search that an external condition ended.
     pub fn stop_reason(&self) -> StopReason {
         if self.cancelled() { StopReason::Cancelled } else { StopReason::TimeLimit }
@@ -207,7 +212,7 @@ impl<S: ScheduleSolver> GenerationEvaluator for TimedEvaluator<'_, S> {
     }
 
     fn cancelled(&self) -> bool {
-        self.error.is_some() || self.clock.cancelled() || self.clock.expired()
+        self.error.is_some() || self.clock.over()
     }
 }
 

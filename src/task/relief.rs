@@ -1,5 +1,6 @@
 //! Tasks on easier ground: heights that are a share of the true ones.
 
+use super::standing::ground_under;
 use super::{BaseState, Task, tilt_over};
 use crate::error::Result;
 use crate::robot::Robot;
@@ -51,11 +52,7 @@ impl Task {
 /// Mean height of the ground under the nominal feet of a robot, m, and roll and pitch along it, rad.
 fn under(robot: &Robot, terrain: &Terrain, state: &BaseState) -> (f64, [f64; 2]) {
     let level = BaseState::level(state.position, state.yaw());
-    let height = |foot: &[f64; 3]| {
-        let [x, y, _] = level.to_world(*foot);
-        terrain.height(x, y)
-    };
-    let heights: Vec<f64> = robot.nominal_feet.iter().map(height).collect();
+    let heights: Vec<f64> = (0..robot.feet()).map(|foot| ground_under(robot, terrain, &level, foot)).collect();
     (heights.iter().sum::<f64>() / heights.len() as f64, tilt_over(robot, &heights))
 }
 

@@ -78,7 +78,7 @@ pub(crate) fn tilt_over(robot: &Robot, heights: &[f64]) -> [f64; 2] {
 }
 
 /// Height of the ground under the nominal position of a foot, m.
-fn ground_under(robot: &Robot, terrain: &Terrain, state: &BaseState, foot: usize) -> f64 {
+pub(super) fn ground_under(robot: &Robot, terrain: &Terrain, state: &BaseState, foot: usize) -> f64 {
     let [x, y, _] = state.to_world(robot.nominal_feet[foot]);
     terrain.height(x, y)
 }

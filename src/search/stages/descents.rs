@@ -40,7 +40,7 @@ impl SearchState<'_, '_> {
     pub(super) fn optimise_durations(&mut self) {
         let (solver, clock, settings) = (self.solver, self.clock, self.settings.cem(1));
         let Some(weights) = solver.cost else { return };
-        let cancelled = || clock.cancelled() || clock.expired();
+        let cancelled = || clock.over();
         let (pool, steps) = (solver.backend.pool(), self.settings.duration_steps.div_ceil(DURATION_ROUNDS[0]));
         let begun = |gait: Candidate<Evaluated>| {
             let (lower, at) = (solver.settings, (&gait.solution.schedule, &gait.solution.x[..]));

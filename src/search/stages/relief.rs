@@ -56,18 +56,13 @@ impl SearchState<'_, '_> {
         self.lower_ground = Some(ground);
         match gait {
             Some(gait) => self.generation(evaluator, vec![(gait.family, (*gait.solution.schedule).clone())]),
-            None => Ok(self.over().then(|| self.clock.stop_reason())),
+            None => Ok(self.clock.over().then(|| self.clock.stop_reason())),
         }
-    }
-
-    /// True if the search must end.
-    fn over(&self) -> bool {
-        self.clock.cancelled() || self.clock.expired()
     }
 
     /// True if gaits may be searched on another level.
     fn may_go_on(&self, ground: &LowerGround) -> bool {
-        ground.levels < self.settings.relief_levels && !self.over()
+        ground.levels < self.settings.relief_levels && !self.clock.over()
     }
 
     /// Gait on the ground of the task that is reached from lower ground.
