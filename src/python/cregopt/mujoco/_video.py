@@ -56,7 +56,7 @@ class Film:
             raise Error(f"no pictures can be drawn here: {error}; MUJOCO_GL=egl or MUJOCO_GL=osmesa draws without a display") from error
         self.camera = mj.MjvCamera()
         self.camera.type, self.camera.trackbodyid = mj.mjtCamera.mjCAMERA_TRACKING, base
-        self.camera.distance, self.camera.azimuth, self.camera.elevation = distance, 120.0, -15.0
+        self.camera.distance, self.camera.azimuth, self.camera.elevation = distance, 60.0, -15.0
         # Pushes are arrows.
         model.vis.map.force = ARROW
         self.options = mj.MjvOption()
