@@ -35,7 +35,6 @@ fn numbers(name: &str, default: &str) -> Vec<f64> {
 }
 
 /// Updates of a drive.
-#[derive(Default)]
 struct Drive {
     /// Durations of the updates, ms, ascending.
     times: Vec<f64>,
@@ -46,7 +45,7 @@ struct Drive {
     /// Sum of the costs of the plans of these updates.
     cost: f64,
     /// State at the end.
-    end: Option<RobotState>,
+    state: RobotState,
 }
 
 fn print(now: f64, state: &RobotState, update: &Update) {
@@ -68,19 +67,19 @@ fn print(now: f64, state: &RobotState, update: &Update) {
 
 fn drive(robot: &Robot, settings: &PlannerSettings, speed: f64) -> Result<Drive> {
     let mut planner = Planner::new(robot.clone(), Terrain::flat(), settings.clone())?;
-    let mut state = RobotState::standing(&Task::new(robot.clone(), Terrain::flat(), Goal::at(0., 0.))?);
+    let state = RobotState::standing(&Task::new(robot.clone(), Terrain::flat(), Goal::at(0., 0.))?);
+    let mut drive = Drive { times: Vec::new(), kept: 0, gaits: BTreeMap::new(), cost: 0., state };
     let (seconds, push) = (option("--seconds", 5.), numbers("--push", "0,0"));
     let verbose = std::env::args().any(|a| a == "--verbose");
-    let mut drive = Drive::default();
     for tick in 0..(seconds * RATE) as usize {
         let now = tick as f64 / RATE;
         if tick == (seconds * RATE / 2.) as usize {
-            state.base.velocity[0] += push[0];
-            state.base.velocity[1] += push[1];
+            drive.state.base.velocity[0] += push[0];
+            drive.state.base.velocity[1] += push[1];
         }
         let moves = now < seconds - STOPPING;
         let command = Command { velocity: [if moves { speed } else { 0. }, 0.], yaw_rate: 0. };
-        let update = planner.update(&state, &command, now)?;
+        let update = planner.update(&drive.state, &command, now)?;
         drive.times.push(1e3 * update.seconds);
         drive.kept += usize::from(!update.renewed);
         if moves && now >= SETTLED {
@@ -88,12 +87,11 @@ fn drive(robot: &Robot, settings: &PlannerSettings, speed: f64) -> Result<Drive>
             drive.cost += update.plan.cost;
         }
         if verbose {
-            print(now, &state, &update);
+            print(now, &drive.state, &update);
         }
-        state = update.plan.state(now + 1. / RATE);
+        drive.state = update.plan.state(now + 1. / RATE);
     }
     drive.times.sort_by(f64::total_cmp);
-    drive.end = Some(state);
     Ok(drive)
 }
 
@@ -123,9 +121,8 @@ fn main() -> Result<()> {
             gaits.join(", "),
             drive.cost / count
         );
-        if let Some(RobotState { base, .. }) = drive.end {
-            println!("at {:.2} m at the end, velocity {:?}", base.position[0], base.velocity);
-        }
+        let base = &drive.state.base;
+        println!("at {:.2} m at the end, velocity {:?}", base.position[0], base.velocity);
     }
     Ok(())
 }
