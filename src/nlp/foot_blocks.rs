@@ -349,7 +349,7 @@ const LEAST_ALONG: f64 = 0.2;
 ///   `|w| <= V + sqrt(V (V - |v|))`.
 /// * the acceleration `6 / T^2 (x - a - 2 v T / 3)` at the start and `-6 / T^2 (x - a - v T / 3)` at touchdown.
 ///
-/// At the start, the acceleration in z is that to the lowest allowed mid node, or to the ground below the foot.
+/// At the start, the acceleration in z is that to the lowest allowed mid node. That of a foot that only descends is known at both ends.
 fn started_limits<T: Real>(b: &mut Builder<T>, foot: usize, law: &SwingLaw, curve: &SwingCurve) {
     let Some(SwingState { position: [x, y, z], velocity: [vx, vy, vz], .. }) = b.task.start_swings[foot] else { return };
     let (duration, after, height) = (b.feet[foot].phases[1].end, b.feet[foot].footholds[1], b.feet[foot].heights[0]);
@@ -369,11 +369,15 @@ fn started_limits<T: Real>(b: &mut Builder<T>, foot: usize, law: &SwingLaw, curv
         let limit = b.tables.constants.foot_acceleration.as_f64();
         let ground = b.task.terrain.height(x, y);
         let (time, top) = curve.mid().map_or((duration, ground), |mid| (mid, ground + law.clearance));
-        let [by_start, by_velocity, by_end, _] = hermite_acceleration(0., time);
-        let upwards = by_start * z + by_velocity * vz + by_end * top;
-        let left = (limit * limit - upwards * upwards).max((LEAST_ALONG * limit).powi(2)).sqrt();
+        // Factor of an acceleration along x and y beside that in z at a time.
+        let beside = |t: f64| {
+            let [by_start, by_velocity, by_end, _] = hermite_acceleration(t, time);
+            let upwards = by_start * z + by_velocity * vz + by_end * top;
+            limit / (limit * limit - upwards * upwards).max((LEAST_ALONG * limit).powi(2)).sqrt()
+        };
         let start = b.foothold(true, from(2. / 3.), 0.);
-        for (before, by) in [(before, [by_step, by_height]), (start, [by_step * limit / left, 0.])] {
+        let landing = if curve.mid().is_some() { [by_step, by_height] } else { [by_step * beside(time), 0.] };
+        for (before, by) in [(before, landing), (start, [by_step * beside(0.), 0.])] {
             b.tables.accelerations.push(Acceleration::new(by.map(T::of), [before.index, after.index]));
             let uses = [Use::Touches(height), Use::Touches(before.block), Use::Touches(after.block)];
             b.element(Family::Acceleration, b.tables.accelerations.len() - 1, step, &uses);
