@@ -92,7 +92,7 @@ pub enum Legs {
 pub struct Stretch {
     /// The wider reach, with the slabs of the robot's reach.
     pub reach: Arc<Reach>,
-    /// Time before which a stance or swing begins that has this reach, s.
+    /// Time before which a stance or swing begins that has this reach, s. The first stance and the first swing of a foot always have it.
     pub until: f64,
 }
 

@@ -112,7 +112,7 @@ fn reach_elements<T: Real>(own: &dyn Transcribe<T>, b: &mut Builder<T>) {
             // The offset of a swing that had begun before changes with time.
             if legs[foot].0 != phase || curve.is_some_and(|curve| curve.started()) {
                 let start = b.feet[foot].phases[phase].start;
-                let groups = wider.as_ref().filter(|(until, _)| start < *until).map_or(&usual, |(_, wider)| wider);
+                let groups = wider.as_ref().filter(|(until, _)| phase < 2 || start < *until).map_or(&usual, |(_, wider)| wider);
                 let of_group = |slabs| {
                     let (leg, uses) = reach_leg(b, foot, slabs, phase, offset);
                     b.reach_leg(leg, uses)

@@ -80,6 +80,7 @@ impl Planner {
     /// time that a schedule gives them.
     fn startable(&self, schedule: &Schedule) -> Task {
         let mut task = self.task.clone();
+        task.robot = self.later();
         let fastest = legs::foot_speed(&self.transcription, &self.robot);
         for (state, durations) in task.start_swings.iter_mut().zip(schedule.durations()) {
             let Some(state) = state else { continue };

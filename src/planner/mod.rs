@@ -441,6 +441,7 @@ impl Planner {
         let compensated = self.compensated(&state.base, command, passed);
         let turn = compensated.yaw_rate * self.horizon() + self.lag(state.base.yaw(), passed);
         self.task = self.task_of(&state, &compensated, turn)?;
+        self.limit_later_steps();
         let until = self.settings.deadline.map(|seconds| clock + Duration::from_secs_f64(seconds));
         let mut guesses: Vec<_> = self.in_force().zip(before).into_iter().collect();
         let steady = self.steady(start);

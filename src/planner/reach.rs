@@ -1,7 +1,8 @@
 //! Reach of the feet in a state: wider for feet at their limits, and for states from which no candidate holds.
 
-use super::{Planner, RobotState};
-use crate::robot::{Reach, ReachBox, Robot};
+use super::{Planner, RobotState, whole_turns};
+use crate::robot::{Reach, ReachBox, Robot, Sole};
+use crate::settings::Stretch;
 use std::sync::Arc;
 
 /// Factors of the reach along x, y and z for states from which no candidate holds. A reach box is the largest of which a leg attains all
@@ -13,6 +14,9 @@ const FACTORS: [f64; 3] = [2., 2., 1.3];
 const SLACK: f64 = 0.04;
 const OUTWARD: f64 = 0.1;
 const WIDENED: f64 = 0.25;
+/// Angle, rad, by which the limit of the yaw of soles is beyond a sole that exceeds it, and the largest such limit, rad.
+const TURN_SLACK: f64 = 0.02;
+const LARGEST_TURN: f64 = 1.5;
 
 /// A wider reach. Sides that face a neighbour stay where they are, because legs that cross hit each other.
 pub(super) fn stretched(robot: &Robot) -> Reach {
@@ -87,7 +91,35 @@ impl Planner {
             })
         });
         let reach = Reach::PerFoot(reaching.collect());
-        if widened { Arc::new(Robot { reach, ..(**robot).clone() }) } else { robot.clone() }
+        let sole = robot.sole.map(|sole| self.turning(state, sole));
+        if widened || sole != robot.sole { Arc::new(Robot { reach, sole, ..(**robot).clone() }) } else { robot.clone() }
+    }
+
+    /// The sole with a larger limit of its yaw if a standing one is at the limit or beyond it. Otherwise no motion could start there.
+    fn turning(&self, state: &RobotState, sole: Sole) -> Sole {
+        let standing = state.feet.iter().zip(&self.contacts).filter(|(_, contact)| !contact.in_air);
+        let turned = standing.flat_map(|(at, _)| {
+            let apart = state.base.yaw() - at.yaw;
+            let now = apart - whole_turns(apart);
+            [now, now + OUTWARD * state.base.rates[2]].map(|angle| angle.abs() + TURN_SLACK)
+        });
+        Sole { turn: turned.fold(sole.turn, f64::max).min(LARGEST_TURN), ..sole }
+    }
+
+    /// Gives soles the reach of the task in the stance and the swing with which each begins, and that of the robot later: soles stand so near
+    /// to each other that with a wider reach they would overlap.
+    pub(super) fn limit_later_steps(&mut self) {
+        let stretch = self.robot.sole.is_some().then(|| Stretch { reach: Arc::new(self.task.robot.reach.clone()), until: 0. });
+        (self.transcription.stretch, self.full.stretch) = (stretch.clone(), stretch);
+    }
+
+    /// The robot of the problems of an update, without the reach that soles have only at the start.
+    pub(super) fn later(&self) -> Arc<Robot> {
+        let robot = &self.task.robot;
+        if robot.sole.is_none() || robot.reach == self.robot.reach {
+            return robot.clone();
+        }
+        Arc::new(Robot { reach: self.robot.reach.clone(), ..(**robot).clone() })
     }
 }
 
