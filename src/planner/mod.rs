@@ -7,7 +7,7 @@
 //! the motion that its family had at the last update, or from its own first guess. The cheapest candidate wins; a change of the family must
 //! pay for itself. The gait in force and standing are solved first; a candidate that is much more expensive after the first iterations is
 //! dropped, and a family that lost in this way rests for some updates. All families are tried when the command changes or the gait in force
-//! becomes more expensive, as after a push. If no candidate holds, legs may stretch to the end of their reach. If none holds even then,
+//! becomes more expensive, as after a push. Otherwise the next step is put off by a quarter of a swing at most. If no candidate holds, legs may stretch to the end of their reach. If none holds even then,
 //! they are solved with wider limits: legs stretch further for some steps, and feet are faster than usual. Those of the gait in force come
 //! first, and the others only if none of them holds. If no other holds either, the plan before stays.
 //!
@@ -100,6 +100,8 @@ const HORIZON_ON_SOLES: f64 = 1.2;
 const LONGEST_INTERVAL: f64 = 0.1;
 /// Time in which the error of the velocity is compensated, s, and largest compensation, as a share of the command.
 const COMPENSATION: (f64, f64) = (1., 0.3);
+/// Part of a swing by which changes of the gait in force may put off the next lift-off.
+const POSTPONED: f64 = 0.25;
 /// Largest difference between the yaw to which the commands lead and that of the base, rad.
 const HEADING: f64 = 0.1;
 /// Rise of the cost of the gait in force, as a factor, above which all families are tried.
@@ -326,6 +328,8 @@ pub struct Planner {
     plan: Option<Arc<Plan>>,
     alternatives: Alternatives,
     contacts: Vec<Contact>,
+    /// Earliest time at which the next foot was to lift off, s; infinite if none was.
+    next_lift: f64,
     /// Time from which steps stay within the usual reach again, if the plan in force exceeds it, s.
     stretched_until: f64,
     updates: u64,
@@ -386,6 +390,7 @@ impl Planner {
             plan: None,
             alternatives,
             contacts,
+            next_lift: f64::INFINITY,
             stretched_until: f64::NEG_INFINITY,
             updates: 0,
             command: Command::default(),
@@ -448,13 +453,17 @@ impl Planner {
         let mut candidates = self.candidates(&steady)?;
         let (mut solved, mut iterations) = self.solve(&candidates, &Updating { guesses: &guesses, until }, &self.transcription, None);
         let limit = solve::limit(&solved);
-        if self.disturbed(command, &solved) {
+        let disturbed = self.disturbed(command, &solved);
+        if disturbed {
             self.alternatives.wake();
         } else {
             guesses.extend(self.alternatives.guesses(start, yaw).map(|(family, motion)| (Some(family), motion)));
         }
         let updating = Updating { guesses: &guesses, until };
-        let others = self.candidates(&self.others(&steady))?;
+        let mut others = self.candidates(&self.others(&steady))?;
+        if !disturbed {
+            self.drop_late_steps(&mut others, start, &candidates[0]);
+        }
         let (of_others, more) = self.solve(&others, &updating, &self.transcription, limit);
         candidates.extend(others);
         solved.extend(of_others);
@@ -488,6 +497,8 @@ impl Planner {
         }
         let renewed = best.is_some();
         if let Some((gait, motion, cost)) = best {
+            let stays = self.in_force() == Some(gait.family);
+            self.next_lift = (start + next_lift(&motion.durations)).min(if stays { self.next_lift } else { f64::INFINITY });
             let contacts = self.contacts.clone();
             let (robot, terrain) = (self.task.robot.clone(), self.task.terrain.clone());
             self.plan = Some(Arc::new(Plan { start, motion, gait, cost, robot, terrain, contacts }));
@@ -565,6 +576,17 @@ impl Planner {
         RobotState { base, feet: state.feet.iter().enumerate().map(foot).collect() }
     }
 
+    /// Drops changes of the gait in force that put off its next lift-off too far. Otherwise each update puts it off, because standing on all
+    /// feet costs less, and the robot falls behind its command.
+    ///
+    /// * `start` - of the plan, s
+    /// * `unchanged` - the gait in force
+    fn drop_late_steps(&self, others: &mut Vec<Candidate>, start: f64, unchanged: &Candidate) {
+        let lift = |candidate: &Candidate| start + next_lift(candidate.schedule.durations());
+        let latest = lift(unchanged).max(self.next_lift + POSTPONED * unchanged.gait.swing);
+        others.retain(|other| other.gait.family != unchanged.gait.family || lift(other) <= latest);
+    }
+
     /// Corrects the terrain by the feet that bear load, and by those that found no ground.
     fn touch(&mut self, state: &RobotState, now: f64) {
         for (foot, at) in state.feet.iter().enumerate() {
@@ -593,6 +615,7 @@ impl Planner {
             let planned = self.plan.as_ref().map(|plan| planned_contact(plan, foot, start));
             let [x, y, z] = at.position;
             let lifted = !at.contact && z > self.task.terrain.height(x, y) + LIFTED;
+            let stood = !self.contacts[foot].in_air;
             self.contacts[foot] = match planned {
                 None if lifted => Contact { in_air: true, since: 0., ..Contact::STANDING },
                 None => Contact::STANDING,
@@ -606,6 +629,9 @@ impl Planner {
                 Some((contact, _)) => contact,
             };
             self.contacts[foot].landing = self.landing(at);
+            if stood && self.contacts[foot].in_air {
+                self.next_lift = f64::INFINITY;
+            }
         }
     }
 
@@ -639,8 +665,9 @@ impl Planner {
         let actual = [cos * x + sin * y, cos * y - sin * x, base.rates[2]];
         let asked = [command.velocity[0], command.velocity[1], command.yaw_rate];
         let share = (passed / COMPENSATION.0).min(1.);
-        for i in 0..3 {
-            let most = COMPENSATION.1 * asked[i].abs();
+        // A robot that walks and turns also drifts to the side.
+        let speed = asked[0].hypot(asked[1]);
+        for (i, most) in [speed, speed, asked[2].abs()].map(|of| COMPENSATION.1 * of).into_iter().enumerate() {
             self.compensation[i] = (self.compensation[i] + share * (asked[i] - actual[i])).clamp(-most, most);
         }
         let [x, y, turn] = std::array::from_fn(|i| asked[i] + self.compensation[i]);
@@ -708,6 +735,12 @@ impl Planner {
         let cost = steady.first().and_then(|s| s.as_ref()).map(|s| s.cost);
         *command != self.command || cost.is_none_or(|cost| cost > COST_RISE * plan.cost)
     }
+}
+
+/// Time until the next foot lifts off, s; infinite if none does.
+fn next_lift(durations: &[Vec<f64>]) -> f64 {
+    let standing = durations.iter().filter(|phases| phases.len() > 1 && !starts_in_swing(phases));
+    standing.map(|phases| phases[0]).fold(f64::INFINITY, f64::min)
 }
 
 /// The whole turns nearest to an angle, rad.

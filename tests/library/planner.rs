@@ -148,6 +148,36 @@ fn a_robot_on_soles_walks_and_turns() {
 }
 
 #[test]
+fn soles_turned_beyond_their_limit_are_no_obstacle() {
+    let robot = Robot::named("humanoid").unwrap();
+    let turn = robot.sole.unwrap().turn;
+    let families = Some(vec![GaitFamily::Walk]);
+    let mut walk = Walk::new(robot, PlannerSettings { families, horizon: None, candidates: 8, ..settings() });
+    for foot in &mut walk.state.feet {
+        foot.yaw = turn + 0.1;
+    }
+    let updates = walk.walk(&Command::default(), 0.1);
+    assert!(updates.iter().all(|update| update.renewed && !update.stretched));
+}
+
+#[test]
+fn the_next_step_is_not_put_off_by_every_update() {
+    for (name, speed) in [("anymal", 0.3), ("anymal", 0.8), ("hyq", 0.3)] {
+        let mut walk = Walk::new(Robot::named(name).unwrap(), PlannerSettings { candidates: 16, horizon: None, ..settings() });
+        walk.walk(&ahead(speed), 1.);
+        let gaits: Vec<_> = walk.walk(&ahead(speed), 3.).iter().map(|update| update.plan.gait).collect();
+        let (mut passed, mut expected) = (0., 0.);
+        for gaits in gaits.windows(2) {
+            let phase = gaits[1].phase - gaits[0].phase;
+            passed += phase - phase.round();
+            expected += 1. / RATE / gaits[0].period();
+        }
+        println!("{name} at {speed} m/s: {passed} of {expected} strides");
+        assert!(passed > 0.95 * expected, "{name} at {speed} m/s: {passed} of {expected} strides");
+    }
+}
+
+#[test]
 fn a_robot_that_is_turned_returns_to_its_heading() {
     // (turn, rad, and the yaw to return to): a large turn is followed.
     for (turn, heading) in [(0.08, 0.), (-0.08, 0.), (0.5, 0.4)] {
