@@ -7,9 +7,10 @@
 //! the motion that its family had at the last update, or from its own first guess. The cheapest candidate wins; a change of the family must
 //! pay for itself. The gait in force and standing are solved first; a candidate that is much more expensive after the first iterations is
 //! dropped, and a family that lost in this way rests for some updates. All families are tried when the command changes or the gait in force
-//! becomes more expensive, as after a push. Otherwise the next step is put off by a quarter of a swing at most. If no candidate holds, legs may stretch to the end of their reach. If none holds even then,
-//! they are solved with wider limits: legs stretch further for some steps, and feet are faster than usual. Those of the gait in force come
-//! first, and the others only if none of them holds. If no other holds either, the plan before stays.
+//! becomes more expensive, as after a push. Otherwise the next step is put off by a quarter of a swing at most. If no candidate holds, legs
+//! may stretch to the end of their reach. If none holds even then, they are solved with wider limits: legs stretch further for some steps,
+//! and feet are faster than usual. Those of the gait in force come first, and the others only if none of them holds. If no other holds
+//! either, the plan before stays.
 //!
 //! The result of an update depends on the states, commands and times of all updates so far and on the seed, but not on the number of
 //! threads. With a deadline it also depends on how fast the machine is.
