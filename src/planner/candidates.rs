@@ -5,8 +5,10 @@ use crate::error::Result;
 use crate::gait::family::{GaitFamily, time_scale};
 use crate::gait::{AlignedSchedule, Schedule};
 use crate::nlp::transcription::{interval, legs};
+use crate::robot::Robot;
 use crate::search::cem::random::Draws;
 use crate::task::Task;
+use std::sync::Arc;
 
 /// Range of the durations of swings and stances, relative to the typical ones of the family.
 const SWINGS: [f64; 2] = [0.75, 1.4];
@@ -69,18 +71,18 @@ impl Planner {
     /// Gaits as candidates.
     pub(super) fn candidates(&self, gaits: &[Cycle]) -> Result<Vec<Candidate>> {
         let (horizon, interval) = (self.horizon(), interval(&self.transcription, &self.task.robot));
+        let robot = self.later();
         let candidate = |&gait: &Cycle| {
             let schedule = gait.schedule(self.offsets(&gait), &self.contacts, horizon)?;
-            Ok(Candidate { gait, task: self.startable(&schedule), schedule: schedule.aligned(interval) })
+            Ok(Candidate { gait, task: self.startable(&robot, &schedule), schedule: schedule.aligned(interval) })
         };
         gaits.iter().map(candidate).collect()
     }
 
-    /// The task with feet in the air that are no faster than their limit, and that descend no faster than a cubic to the ground can, in the
-    /// time that a schedule gives them.
-    fn startable(&self, schedule: &Schedule) -> Task {
-        let mut task = self.task.clone();
-        task.robot = self.later();
+    /// The task of a robot with feet in the air that are no faster than their limit, and that descend no faster than a cubic to the ground
+    /// can, in the time that a schedule gives them.
+    fn startable(&self, robot: &Arc<Robot>, schedule: &Schedule) -> Task {
+        let mut task = Task { robot: robot.clone(), ..self.task.clone() };
         let fastest = legs::foot_speed(&self.transcription, &self.robot);
         for (state, durations) in task.start_swings.iter_mut().zip(schedule.durations()) {
             let Some(state) = state else { continue };
@@ -118,7 +120,6 @@ pub(super) fn descent(height: f64, velocity: f64, time: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::planner::{Command, PlannerSettings, RobotState};
-    use crate::robot::Robot;
     use crate::terrain::Terrain;
 
     #[test]
