@@ -106,17 +106,18 @@ impl Planner {
         Sole { turn: turned.fold(sole.turn, f64::max).min(LARGEST_TURN), ..sole }
     }
 
-    /// Gives soles the reach of the task in the stance and the swing with which each begins, and that of the robot later: soles stand so near
-    /// to each other that with a wider reach they would overlap.
+    /// Gives each foot the reach of the task in the stance and the swing with which it begins, and that of the robot later. Otherwise steps
+    /// towards a neighbour would become longer and longer, until feet hit each other.
     pub(super) fn limit_later_steps(&mut self) {
-        let stretch = self.robot.sole.is_some().then(|| Stretch { reach: Arc::new(self.task.robot.reach.clone()), until: 0. });
+        let wider = &self.task.robot.reach;
+        let stretch = (*wider != self.robot.reach).then(|| Stretch { reach: Arc::new(wider.clone()), until: 0. });
         (self.transcription.stretch, self.full.stretch) = (stretch.clone(), stretch);
     }
 
-    /// The robot of the problems of an update, without the reach that soles have only at the start.
+    /// The robot of the problems of an update, without the reach that feet have only at the start.
     pub(super) fn later(&self) -> Arc<Robot> {
         let robot = &self.task.robot;
-        if robot.sole.is_none() || robot.reach == self.robot.reach {
+        if robot.reach == self.robot.reach {
             return robot.clone();
         }
         Arc::new(Robot { reach: self.robot.reach.clone(), ..(**robot).clone() })
