@@ -127,6 +127,8 @@ impl Planner {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::planner::{Command, PlannerSettings};
+    use crate::terrain::Terrain;
 
     #[test]
     fn the_wider_reach_ends_where_a_neighbour_begins() {
@@ -141,5 +143,20 @@ mod tests {
             }
             assert_eq!([wider.low[2], wider.high[2]], [usual.low[2], usual.high[2]].map(|side| FACTORS[2] * side));
         }
+    }
+
+    #[test]
+    fn a_foot_beyond_its_side_gets_a_wider_reach_for_its_first_steps_only() {
+        let mut planner = Planner::new(Robot::named("anymal").unwrap(), Terrain::flat(), PlannerSettings::default()).unwrap();
+        let mut state = RobotState::standing(&planner.task);
+        let side = planner.robot.reach.of(1).high[1];
+        state.feet[1].position[1] += side + 0.02;
+        planner.update(&state, &Command::default(), 0.).unwrap();
+        let (wider, usual) = (&planner.task.robot.reach, &planner.robot.reach);
+        assert!(wider.of(1).high[1] > side + 0.02, "{wider:?}");
+        let first = Some(Stretch { reach: Arc::new(wider.clone()), until: 0. });
+        assert!(planner.transcription.stretch == first && planner.full.stretch == first);
+        let candidates = planner.candidates(&planner.steady(0.02)).unwrap();
+        assert!(candidates.iter().all(|candidate| candidate.task.robot.reach == *usual));
     }
 }
