@@ -10,6 +10,7 @@ mod sole;
 pub use built_in::ROBOTS;
 pub(crate) use built_in::ROUNDED;
 pub use reach::{FootReach, Reach, ReachBox, Slab};
+pub(crate) use sole::LARGEST_TURN;
 pub use sole::{PRESSURE_SHARE, SOLE_TURN, Sole};
 
 use crate::error::{Error, Result, check_name, check_range};

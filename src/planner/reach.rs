@@ -1,7 +1,7 @@
 //! Reach of the feet in a state: wider for feet at their limits, and for states from which no candidate holds.
 
 use super::{Planner, RobotState, whole_turns};
-use crate::robot::{Reach, ReachBox, Robot, Sole};
+use crate::robot::{LARGEST_TURN, Reach, ReachBox, Robot, Sole};
 use crate::settings::Stretch;
 use std::sync::Arc;
 
@@ -14,9 +14,8 @@ const FACTORS: [f64; 3] = [2., 2., 1.3];
 const SLACK: f64 = 0.04;
 const OUTWARD: f64 = 0.1;
 const WIDENED: f64 = 0.25;
-/// Angle, rad, by which the limit of the yaw of soles is beyond a sole that exceeds it, and the largest such limit, rad.
+/// Angle by which the limit of the yaw of soles is beyond a sole that exceeds it, rad.
 const TURN_SLACK: f64 = 0.02;
-const LARGEST_TURN: f64 = 1.5;
 
 /// A wider reach. Sides that face a neighbour stay where they are, because legs that cross hit each other.
 pub(super) fn stretched(robot: &Robot) -> Reach {

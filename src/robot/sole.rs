@@ -10,6 +10,9 @@ pub const PRESSURE_SHARE: f64 = 0.8;
 /// Default largest yaw of a foot relative to the base, rad.
 pub const SOLE_TURN: f64 = 0.4;
 
+/// Largest limit of the yaw of a foot relative to the base, rad.
+pub(crate) const LARGEST_TURN: f64 = 1.5;
+
 /// A rectangular sole. The foot position of a motion is the centre of the rectangle.
 ///
 /// In contact it transmits a force through its centre and a moment. Both hold exactly if forces at the four corners inside their friction
@@ -41,7 +44,7 @@ impl Sole {
     pub fn validate(&self, longest: f64) -> Result<()> {
         check_range("robot.sole.length", self.length, 1e-3, longest)?;
         check_range("robot.sole.width", self.width, 1e-3, longest)?;
-        check_range("robot.sole.turn", self.turn, 0.01, 1.5)
+        check_range("robot.sole.turn", self.turn, 0.01, LARGEST_TURN)
     }
 
     /// Half of the length and of the width, m.
